@@ -1,0 +1,109 @@
+"""What can go wrong, as classes; `service.app` turns each into its HTTP status.
+
+    HofError                    500
+    ├── InvalidInput            400  bytes that are not what they claim to be
+    │   ├── CorruptImage
+    │   └── CorruptWeights
+    ├── NotFound                404  no object of that id
+    ├── NotAcceptable           406  no format satisfies the Accept header
+    ├── TooLarge                413  more bytes or pixels than the limit
+    ├── UnsupportedMedia        415  a body that is no PNG, JPEG or WebP
+    ├── InvalidParameter        422  a parameter out of range, or of the wrong kind
+    │   ├── NoObjectFound            nothing to encode in the image
+    │   └── InvalidSpec              a mapping spec that describes no function
+    ├── NotReady                503  the encoder is still loading
+    └── InvalidModel            500  the model file is unusable: refused at start
+
+This module imports nothing of ours, so that every layer may raise from it.
+"""
+
+
+class HofError(Exception):
+    """Base of all our errors: `status` is HTTP's, `title` names the class of problem."""
+
+    status = 500
+    title = "Internal error"
+
+    def __init__(self, detail: str, *, field: str | None = None) -> None:
+        super().__init__(detail)
+        self.detail = detail
+        self.field = field
+
+
+class InvalidInput(HofError):
+    """Bytes that are not what they claim to be."""
+
+    status = 400
+    title = "Invalid input"
+
+
+class CorruptImage(InvalidInput):
+    """An image whose type is known but whose bytes cannot be decoded."""
+
+    title = "Corrupt image"
+
+
+class CorruptWeights(InvalidInput):
+    """A weights file that cannot be read, or whose numbers do not fit its spec."""
+
+    title = "Corrupt weights"
+
+
+class NotFound(HofError):
+    """No object of that id."""
+
+    status = 404
+    title = "Not found"
+
+
+class NotAcceptable(HofError):
+    """No format that we write satisfies the request's Accept header."""
+
+    status = 406
+    title = "Not acceptable"
+
+
+class TooLarge(HofError):
+    """More bytes or pixels than the limit."""
+
+    status = 413
+    title = "Too large"
+
+
+class UnsupportedMedia(HofError):
+    """A body that is none of the image types that we read."""
+
+    status = 415
+    title = "Unsupported media type"
+
+
+class InvalidParameter(HofError):
+    """A parameter that is unknown, of the wrong kind or out of range; `field` names it."""
+
+    status = 422
+    title = "Invalid parameter"
+
+
+class NoObjectFound(InvalidParameter):
+    """The image shows nothing that could be encoded."""
+
+    title = "No object found"
+
+
+class InvalidSpec(InvalidParameter):
+    """A mapping spec that describes no function."""
+
+    title = "Invalid spec"
+
+
+class NotReady(HofError):
+    """The service is starting or stopping."""
+
+    status = 503
+    title = "Not ready"
+
+
+class InvalidModel(HofError):
+    """A model file that the service refuses to start with."""
+
+    title = "Invalid model"

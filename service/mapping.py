@@ -1,0 +1,187 @@
+"""The mapping function f_theta: what its weights mean, and its plain NumPy forward pass.
+
+`theta` is one flat float32 vector: layer by layer, W row-major (out, in), then b (out). The forward
+pass here is the readable reference; `service.sampler` holds the fast one.
+"""
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Final, get_args, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from service.errors import InvalidSpec
+
+Activation = Literal["relu", "tanh"]
+Domain = Literal["ball", "sphere", "ball4", "cube"]
+Array = npt.NDArray[np.float32]
+
+DOMAIN_DIMS: Final[dict[Domain, int]] = {"ball": 3, "sphere": 3, "ball4": 4, "cube": 3}
+MAX_WIDTH: Final = 65_536
+MAX_HIDDEN_LAYERS: Final = 64
+MAX_K: Final = 16
+MAX_SIZE: Final = 16_777_216  # numbers in theta: 64 MiB
+
+
+@dataclass(frozen=True)
+class MappingSpec:
+    """The shape of a mapping function f: R^input_dim -> R^output_dim and how it is sampled.
+
+    Parameters
+    ----------
+    name : a label for people, "HOF-1" say.
+    input_dim, output_dim : dimensions of the canonical domain and of the object's space.
+    hidden : widths of the hidden layers, first to last.
+    activation : what stands after every hidden layer; the last layer is affine.
+    k : how often f is applied: the object is f^k(X) (paper, section 3.3). Needs
+        ``input_dim == output_dim`` when above 1.
+    domain : the canonical set X: `ball` and `sphere` of radius 1 in 3D, `ball4` of radius 1 in 4D,
+        `cube` [-1, 1]^3; always sampled uniformly.
+
+    Raises
+    ------
+    InvalidSpec : the fields contradict each other or exceed a limit.
+    """
+
+    name: str
+    input_dim: int
+    hidden: tuple[int, ...]
+    output_dim: int
+    activation: Activation = "relu"
+    k: int = 1
+    domain: Domain = "ball"
+
+    def __post_init__(self) -> None:
+        if self.activation not in get_args(Activation):
+            raise InvalidSpec(f"activation must be one of {get_args(Activation)}", field="activation")
+        if self.domain not in DOMAIN_DIMS:
+            raise InvalidSpec(f"domain must be one of {tuple(DOMAIN_DIMS)}", field="domain")
+        if self.input_dim != DOMAIN_DIMS[self.domain]:
+            raise InvalidSpec(
+                f"domain {self.domain!r} has {DOMAIN_DIMS[self.domain]} dimensions, input_dim is {self.input_dim}",
+                field="input_dim",
+            )
+        if self.output_dim != 3:
+            raise InvalidSpec(f"output_dim must be 3, not {self.output_dim}", field="output_dim")
+        if not 1 <= len(self.hidden) <= MAX_HIDDEN_LAYERS:
+            raise InvalidSpec(f"hidden must have 1 to {MAX_HIDDEN_LAYERS} widths", field="hidden")
+        if not all(1 <= width <= MAX_WIDTH for width in self.hidden):
+            raise InvalidSpec(f"hidden widths must lie in 1..{MAX_WIDTH}", field="hidden")
+        if not 1 <= self.k <= MAX_K:
+            raise InvalidSpec(f"k must lie in 1..{MAX_K}, not {self.k}", field="k")
+        if self.k > 1 and self.input_dim != self.output_dim:
+            raise InvalidSpec("k > 1 needs input_dim = output_dim", field="k")
+        if self.size > MAX_SIZE:
+            raise InvalidSpec(f"theta would have {self.size} numbers, at most {MAX_SIZE}", field="hidden")
+
+    @property
+    def shapes(self) -> list[tuple[int, int]]:
+        """(out, in) of each layer's W, first to last."""
+        dims = [self.input_dim, *self.hidden, self.output_dim]
+        return [(n_out, n_in) for n_in, n_out in zip(dims, dims[1:], strict=False)]
+
+    @property
+    def size(self) -> int:
+        """How many numbers theta has: 7,171 for HOF-1."""
+        return sum(n_out * n_in + n_out for n_out, n_in in self.shapes)
+
+    def to_json(self) -> str:
+        """The spec as one line of JSON, keys sorted: equal specs give equal text."""
+        return json.dumps(asdict(self), sort_keys=True, separators=(",", ":"))
+
+    @classmethod
+    def from_dict(cls, fields: object) -> "MappingSpec":
+        """The spec of a decoded JSON object.
+
+        Raises
+        ------
+        InvalidSpec : a field is missing, unknown or of the wrong kind.
+        """
+        if not isinstance(fields, dict):
+            raise InvalidSpec("a spec must be a JSON object", field="spec")
+        _check_fields(fields)
+        return cls(**{**fields, "hidden": tuple(fields["hidden"])})
+
+    @classmethod
+    def from_json(cls, text: str) -> "MappingSpec":
+        """Inverse of `to_json`. Raises InvalidSpec."""
+        try:
+            fields = json.loads(text)
+        except (ValueError, RecursionError) as error:
+            raise InvalidSpec(f"the spec is not JSON: {error}", field="spec") from error
+        return cls.from_dict(fields)
+
+    def with_k(self, k: int) -> "MappingSpec":
+        """The same function, applied k times."""
+        return replace(self, k=k)
+
+
+HOF_1: Final = MappingSpec("HOF-1", input_dim=3, hidden=(1024,), output_dim=3)
+HOF_3: Final = MappingSpec("HOF-3", input_dim=3, hidden=(128, 128, 128), output_dim=3)
+
+
+def _check_fields(fields: dict[str, Any]) -> None:
+    """Refuse missing and unknown keys and wrong kinds before the dataclass sees them."""
+    kinds = {"name": str, "input_dim": int, "hidden": list, "output_dim": int}
+    optional = {"activation": str, "k": int, "domain": str}
+    for key in kinds.keys() - fields.keys():
+        raise InvalidSpec(f"the spec lacks {key!r}", field=key)
+    for key, value in fields.items():
+        kind = {**kinds, **optional}.get(key)
+        if kind is None:
+            raise InvalidSpec(f"the spec has an unknown field {key!r}", field=key)
+        if not isinstance(value, kind) or isinstance(value, bool):
+            raise InvalidSpec(f"{key} must be of type {kind.__name__}", field=key)
+    if not all(isinstance(width, int) and not isinstance(width, bool) for width in fields["hidden"]):
+        raise InvalidSpec("hidden must be a list of integers", field="hidden")
+
+
+def layers(spec: MappingSpec, theta: Array) -> list[tuple[Array, Array]]:
+    """Views of theta as [(W (out, in), b (out,)), ...], first layer first.
+
+    Raises
+    ------
+    InvalidSpec : theta is not a vector of ``spec.size`` numbers.
+    """
+    if theta.shape != (spec.size,):
+        raise InvalidSpec(f"theta has shape {theta.shape}, {spec.name} needs ({spec.size},)", field="theta")
+    views, start = [], 0
+    for n_out, n_in in spec.shapes:
+        middle, end = start + n_out * n_in, start + n_out * n_in + n_out
+        views.append((theta[start:middle].reshape(n_out, n_in), theta[middle:end]))
+        start = end
+    return views
+
+
+def apply(spec: MappingSpec, theta: Array, x: Array) -> Array:
+    """One application f_theta(x): (n, input_dim) -> (n, output_dim), float32 (paper, eq. 2)."""
+    *hidden, (w_last, b_last) = layers(spec, theta)
+    for w, b in hidden:
+        x = x @ w.T + b  # (n, out)
+        x = np.maximum(x, 0) if spec.activation == "relu" else np.tanh(x)
+    return x @ w_last.T + b_last
+
+
+def compose(spec: MappingSpec, word: Sequence[Array], x: Array) -> Array:
+    """f_word[0](f_word[1](... f_word[-1](x))): the last function is applied first (paper, eq. 5)."""
+    for theta in reversed(word):
+        x = apply(spec, theta, x)
+    return x
+
+
+def power(spec: MappingSpec, theta: Array, x: Array) -> Array:
+    """f^k(x) with ``k = spec.k`` (paper, eq. 4)."""
+    return compose(spec, [theta] * spec.k, x)
+
+
+def initial_theta(spec: MappingSpec, seed: int = 0) -> Array:
+    """An ordinary initialisation of f: W and b uniform in +-1/sqrt(in), seeded, float32."""
+    rng = np.random.default_rng(seed)
+    parts = []
+    for n_out, n_in in spec.shapes:
+        bound = 1 / math.sqrt(n_in)
+        parts += [rng.uniform(-bound, bound, n_out * n_in), rng.uniform(-bound, bound, n_out)]
+    return np.concatenate(parts).astype(np.float32)
