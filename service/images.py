@@ -155,7 +155,7 @@ def _to_rgb(image: Image.Image) -> Image.Image:
     if image.has_transparency_data:
         rgba = image.convert("RGBA")
         low, _ = rgba.getchannel("A").getextrema()
-        return rgba if low < 255 else rgba.convert("RGB")
+        return rgba if low != 255 else rgba.convert("RGB")
     return image.convert("RGB")
 
 
@@ -185,7 +185,7 @@ def _border_matte(rgb: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8] | None:
     if alike.mean() < BORDER_SHARE:
         return None
     distance = np.abs(rgb.astype(np.int16) - colour).max(axis=2)
-    ramp = (distance - BORDER_TOLERANCE) * (255 / BORDER_SOFTNESS)
+    ramp: npt.NDArray[np.float64] = (distance - BORDER_TOLERANCE) * (255 / BORDER_SOFTNESS)
     return ramp.clip(0, 255).astype(np.uint8)
 
 

@@ -4,6 +4,7 @@
 pass here is the readable reference; `service.sampler` holds the fast one.
 """
 
+import itertools
 import json
 import math
 from collections.abc import Sequence
@@ -81,7 +82,7 @@ class MappingSpec:
     def shapes(self) -> list[tuple[int, int]]:
         """(out, in) of each layer's W, first to last."""
         dims = [self.input_dim, *self.hidden, self.output_dim]
-        return [(n_out, n_in) for n_in, n_out in zip(dims, dims[1:], strict=False)]
+        return [(n_out, n_in) for n_in, n_out in itertools.pairwise(dims)]
 
     @property
     def size(self) -> int:
