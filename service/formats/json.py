@@ -1,0 +1,24 @@
+"""JSON: {"n": ..., "points": [[x, y, z], ...]}, nine significant digits, which give back the same float32."""
+
+from typing import Final
+
+from service.mapping import Array
+
+MAX_POINTS: Final = 100_000
+SEPARATOR: Final = b","
+
+
+def head(n: int, bounds: tuple[Array, Array] | None = None) -> bytes:
+    """What precedes the points; JSON needs no bounds."""
+    return b'{"n":%d,"points":[' % n
+
+
+def body(points: Array) -> bytes:
+    """Points (m, 3) -> m arrays with commas between, none at the ends."""
+    items = ",".join(["[%.9g,%.9g,%.9g]"] * len(points))
+    return (items % tuple(points.ravel().tolist())).encode("ascii")
+
+
+def tail(n: int) -> bytes:
+    """What follows the points."""
+    return b"]}\n"

@@ -1,0 +1,24 @@
+"""NumPy's .npy: a (n, 3) array of little-endian float32, C order."""
+
+import io
+
+from numpy.lib import format as npy_format
+
+from service.mapping import Array
+
+
+def head(n: int, bounds: tuple[Array, Array] | None = None) -> bytes:
+    """What precedes the points; .npy needs no bounds."""
+    buffer = io.BytesIO()
+    npy_format.write_array_header_1_0(buffer, {"descr": "<f4", "fortran_order": False, "shape": (n, 3)})
+    return buffer.getvalue()
+
+
+def body(points: Array) -> bytes:
+    """Points (m, 3) -> 12 m bytes."""
+    return points.astype("<f4", copy=False).tobytes()
+
+
+def length(n: int) -> int:
+    """Bytes of the whole file."""
+    return len(head(n)) + 12 * n

@@ -1,0 +1,140 @@
+"""theta and its spec as a file: safetensors, which `load` reads back, .npy and JSON.
+
+A safetensors file is a uint64 header length, a JSON header and the tensors' bytes
+(https://huggingface.co/docs/safetensors). Ours holds one tensor "theta" and says in its metadata what
+it means. The library does not bound what it parses and reads metadata only from named files, so both
+directions are written out here.
+"""
+
+import io
+import json
+import struct
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Final, Literal
+
+import numpy as np
+
+from service.errors import CorruptWeights
+from service.mapping import Array, MappingSpec
+
+WeightFormatName = Literal["safetensors", "npy", "json"]
+
+FORMAT: Final = "hof-theta-1"
+MAX_HEADER_BYTES: Final = 16_384
+MAX_LABEL: Final = 200  # characters of a name
+
+
+@dataclass(frozen=True, eq=False)
+class Weights:
+    """A mapping function by itself.
+
+    spec : its shape.
+    theta : (spec.size,) float32.
+    model : name of the encoder that made it.
+    """
+
+    spec: MappingSpec
+    theta: Array
+    model: str
+
+
+@dataclass(frozen=True)
+class WeightFormat:
+    """A file format for weights; `extension` has its dot."""
+
+    media_type: str
+    extension: str
+
+
+WEIGHT_FORMATS: Final[Mapping[WeightFormatName, WeightFormat]] = {
+    "safetensors": WeightFormat("application/x-safetensors", ".safetensors"),
+    "npy": WeightFormat("application/x-npy", ".npy"),
+    "json": WeightFormat("application/json", ".json"),
+}
+
+
+def dump(weights: Weights, format: WeightFormatName) -> bytes:  # noqa: A002 - the API's word
+    """The whole file. Equal weights give equal bytes.
+
+    `npy` holds theta alone, (spec.size,) little-endian float32; `json` has the keys format, model, spec
+    and theta, whose numbers give back the same float32.
+    """
+    match format:
+        case "safetensors":
+            return _dump_safetensors(weights)
+        case "npy":
+            buffer = io.BytesIO()
+            np.save(buffer, weights.theta.astype("<f4", copy=False), allow_pickle=False)
+            return buffer.getvalue()
+        case "json":
+            fields = {
+                "format": FORMAT,
+                "model": weights.model,
+                "spec": asdict(weights.spec),
+                "theta": weights.theta.tolist(),
+            }
+            return json.dumps(fields, separators=(",", ":")).encode("ascii")
+
+
+def load(data: bytes) -> Weights:
+    """Read a safetensors file that `dump` or another writer made.
+
+    Raises
+    ------
+    CorruptWeights : the bytes are no such file, the metadata lack something, or theta has the wrong
+        type or size or a number that is not finite.
+    InvalidSpec : the spec describes no function.
+    """
+    header, payload = _split(data)
+    metadata = header.pop("__metadata__", None)
+    if not isinstance(metadata, dict) or metadata.get("format") != FORMAT:
+        raise CorruptWeights(f'the metadata do not say "format": "{FORMAT}"')
+    model, text = metadata.get("model"), metadata.get("spec")
+    if not isinstance(model, str) or not isinstance(text, str):
+        raise CorruptWeights('the metadata lack "model" or "spec"')
+    spec = MappingSpec.from_json(text)
+    _check_label(model)
+    _check_label(spec.name)
+    tensor = {"dtype": "F32", "shape": [spec.size], "data_offsets": [0, 4 * spec.size]}
+    if header != {"theta": tensor} or len(payload) != 4 * spec.size:
+        raise CorruptWeights(f'the file must hold one tensor "theta", F32 of shape [{spec.size}], and nothing else')
+    theta = np.frombuffer(payload, "<f4").astype(np.float32)
+    if not np.isfinite(theta).all():
+        raise CorruptWeights("theta holds numbers that are not finite")
+    return Weights(spec, theta, model)
+
+
+def _dump_safetensors(weights: Weights) -> bytes:
+    theta = weights.theta.astype("<f4", copy=False).tobytes()
+    header = {
+        "__metadata__": {"format": FORMAT, "model": weights.model, "spec": weights.spec.to_json()},
+        "theta": {"dtype": "F32", "shape": [weights.spec.size], "data_offsets": [0, len(theta)]},
+    }
+    text = json.dumps(header, separators=(",", ":")).encode("ascii")
+    text = text.ljust(-len(text) % 8 + len(text))  # tensors start at a multiple of 8 bytes
+    return struct.pack("<Q", len(text)) + text + theta
+
+
+def _split(data: bytes) -> tuple[dict[str, Any], memoryview]:
+    """The decoded header and the tensors' bytes."""
+    if len(data) < 8:
+        raise CorruptWeights("the file is too short for safetensors")
+    (size,) = struct.unpack_from("<Q", data)
+    if size > MAX_HEADER_BYTES:
+        raise CorruptWeights(f"the header has {size} bytes, at most {MAX_HEADER_BYTES}: no safetensors of ours")
+    if len(data) < 8 + size:
+        raise CorruptWeights("the file breaks off in its header")
+    try:
+        header = json.loads(data[8 : 8 + size])
+    except (ValueError, RecursionError) as error:
+        raise CorruptWeights("the header is not JSON") from error
+    if not isinstance(header, dict):
+        raise CorruptWeights("the header is no JSON object")
+    return header, memoryview(data)[8 + size :]
+
+
+def _check_label(text: str) -> None:
+    """Names are shown to people and stored as text: no control characters, no lone surrogates."""
+    if not (0 < len(text) <= MAX_LABEL and text.isprintable()):
+        raise CorruptWeights(f"a name must have 1 to {MAX_LABEL} printable characters")

@@ -1,0 +1,14 @@
+"""XYZ text: one point a line, six significant digits."""
+
+from service.mapping import Array
+
+
+def head(n: int, bounds: tuple[Array, Array] | None = None) -> bytes:
+    """What precedes the points: nothing."""
+    return b""
+
+
+def body(points: Array) -> bytes:
+    """Points (m, 3) -> m lines."""
+    lines = "%.6g %.6g %.6g\n" * len(points)
+    return (lines % tuple(points.ravel().tolist())).encode("ascii")
