@@ -1,0 +1,111 @@
+"""The application: what is opened at start, how errors answer, which calls there are."""
+
+import asyncio
+from collections import Counter
+from collections.abc import AsyncIterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import asynccontextmanager
+from functools import partial
+from typing import Any, Final
+
+from fastapi import Depends, FastAPI, Request
+from fastapi.openapi.docs import get_swagger_ui_html
+from starlette.responses import Response
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from service import __version__, problems
+from service.encoder import Encoder
+from service.errors import InvalidParameter
+from service.openapi import openapi_text
+from service.routes import encode, health, objects
+from service.runtime import Runtime
+from service.schemas import Problem
+from service.settings import Settings
+from service.store import Store
+
+DESCRIPTION: Final = """\
+A photo goes in; a function comes out. The image encoder looks at one RGB image and outputs theta, the weights of a
+tiny mapping network f; f^k of the points of a unit ball is the object, at any resolution, as often as you ask.
+
+Objects are in one frame: right-handed, +Y up, front +Z, the longest side 1. Errors are `application/problem+json`
+(RFC 9457); unknown parameters are errors."""
+
+RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
+    422: {"model": Problem, "description": "A parameter is unknown, of the wrong type or out of range"},
+    503: {"model": Problem, "description": "The service is starting or stopping"},
+}
+
+
+def create_app(settings: Settings) -> FastAPI:
+    """The service as an ASGI application; nothing is opened before it starts."""
+    app = FastAPI(
+        title="HOF",
+        summary="Higher-Order Function networks as a service",
+        description=DESCRIPTION,
+        version=__version__,
+        license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
+        openapi_url=None,  # served below, byte for byte as committed
+        redirect_slashes=False,
+        lifespan=partial(_lifespan, settings),
+        dependencies=[Depends(_refuse_repeats)],
+    )
+    app.state.runtime = None
+    problems.install(app)
+    app.add_middleware(HeadAsGet)
+    for module in (encode, objects, health):
+        app.include_router(module.router, responses=RESPONSES)
+    _serve_schema(app)
+    return app
+
+
+async def _refuse_repeats(request: Request) -> None:
+    """No call takes a parameter twice, and to drop one silently helps nobody."""
+    names = [name for name, _ in request.query_params.multi_items()]
+    repeated = next((name for name, count in Counter(names).items() if count > 1), None)
+    if repeated is not None:
+        raise InvalidParameter("a parameter may be given once", field=repeated[:64])
+
+
+@asynccontextmanager
+async def _lifespan(settings: Settings, app: FastAPI) -> AsyncIterator[None]:
+    """Open the encoder and the store, run one inference, and serve; close them in the end."""
+    with ThreadPoolExecutor(settings.threads, thread_name_prefix="hof") as executor:
+        encoder = await asyncio.to_thread(Encoder.open, settings.model, settings.threads)
+        await asyncio.to_thread(encoder.warm_up)
+        store = await Store.open(settings.database_url)
+        app.state.runtime = Runtime(settings, encoder, store, executor)
+        try:
+            yield
+        finally:
+            app.state.runtime = None
+            await store.close()
+
+
+def _serve_schema(app: FastAPI) -> None:
+    """/openapi.json, byte for byte as committed, and /docs."""
+    text = openapi_text(app)
+
+    async def schema(request: Request) -> Response:
+        return Response(text, media_type="application/json")
+
+    async def docs(request: Request) -> Response:
+        return get_swagger_ui_html(openapi_url="/openapi.json", title=app.title)
+
+    app.add_route("/openapi.json", schema, include_in_schema=False)
+    app.add_route("/docs", docs, include_in_schema=False)
+
+
+class HeadAsGet:
+    """HEAD wherever there is GET: the same answer, whose body the server then leaves out.
+
+    ``scope["hof.head"]`` tells a call whose body costs something that nobody will see it.
+    """
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass the request on."""
+        if scope["type"] == "http" and scope["method"] == "HEAD":
+            scope = {**scope, "method": "GET", "hof.head": True}
+        await self._app(scope, receive, send)

@@ -1,0 +1,192 @@
+"""The `hof` command: serve, and the same encoding and sampling without a server."""
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, Final, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from service import __version__
+from service.encoder import Encoder
+from service.errors import HofError, InvalidParameter
+from service.formats import POINT_FORMATS, PointFormat, write
+from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
+from service.images import Background, preprocess
+from service.points import check_size, cloud
+from service.schemas import EncodeQuery, PointsQuery
+from service.settings import POINTS_CEILING, Settings
+
+FAILED: Final = 2
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command. Returns the exit status; what went wrong is one line on stderr."""
+    arguments = _parser().parse_args(argv)
+    try:
+        arguments.run(arguments)
+    except HofError as error:
+        return _fail(error.detail)
+    except ValidationError as error:
+        first = error.errors()[0]
+        return _fail(f"{'.'.join(map(str, first['loc']))}: {first['msg']}")
+    except OSError as error:
+        return _fail(f"{error.filename}: {error.strerror}" if error.filename else str(error))
+    return 0
+
+
+def _fail(message: str) -> int:
+    print(f"hof: {message}", file=sys.stderr)
+    return FAILED
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="hof", description="A photo goes in; a function comes out.")
+    parser.add_argument("--version", action="version", version=f"hof {__version__}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    serve = commands.add_parser("serve", help="start the HTTP service", description=_serve.__doc__)
+    _add_settings(serve)
+    serve.set_defaults(run=_serve)
+
+    encode = commands.add_parser("encode", help="a photo to points or weights", description=_encode.__doc__)
+    encode.add_argument("photo", type=Path, help="PNG, JPEG or WebP")
+    _add_output(encode, [*(fmt.extension for fmt in POINT_FORMATS.values()), WEIGHT_FORMATS["safetensors"].extension])
+    _add_sampling(encode)
+    encode.add_argument("--background", choices=get_args(Background), help="as in the API; default: auto")
+    encode.add_argument("--foreground-ratio", type=float, help="as in the API; default: the model's")
+    _add_settings(encode, only={"model", "threads"})
+    encode.set_defaults(run=_encode)
+
+    sample = commands.add_parser("sample", help="a weights file to points", description=_sample.__doc__)
+    sample.add_argument("weights", type=Path, help="a .safetensors file of hof or of the service")
+    _add_output(sample, [fmt.extension for fmt in POINT_FORMATS.values()])
+    _add_sampling(sample)
+    sample.set_defaults(run=_sample)
+
+    info = commands.add_parser("info", help="what a weights file holds", description=_info.__doc__)
+    info.add_argument("weights", type=Path, help="a .safetensors file")
+    info.set_defaults(run=_info)
+
+    openapi = commands.add_parser("openapi", help="the API's schema", description=_openapi.__doc__)
+    openapi.set_defaults(run=_openapi)
+    return parser
+
+
+def _add_settings(parser: argparse.ArgumentParser, only: set[str] | None = None) -> None:
+    """A flag for each field of Settings; pydantic parses and checks the values, the environment's too."""
+    for name, field in Settings.model_fields.items():
+        if only is None or name in only:
+            default = "" if field.default_factory else f"; default: {field.default}"
+            parser.add_argument(
+                f"--{name.replace('_', '-')}",
+                dest=name,
+                default=argparse.SUPPRESS,
+                metavar=name.rsplit("_", 1)[-1].upper(),
+                help=f"{field.description}{default} [HOF_{name.upper()}]".replace("%", "%%"),
+            )
+
+
+def _add_output(parser: argparse.ArgumentParser, suffixes: list[str]) -> None:
+    parser.add_argument("-o", "--output", type=Path, required=True, help=f"file to write: {', '.join(suffixes)}")
+
+
+def _add_sampling(parser: argparse.ArgumentParser) -> None:
+    for name in ("n", "seed", "scale"):
+        field = PointsQuery.model_fields[name]
+        parser.add_argument(
+            f"--{name}", default=argparse.SUPPRESS, help=f"{field.description}; default: {field.default}"
+        )
+
+
+def _settings(arguments: argparse.Namespace) -> Settings:
+    return Settings(**_given(arguments, Settings))
+
+
+def _given(arguments: argparse.Namespace, model: type[BaseModel]) -> dict[str, Any]:
+    """The arguments that are fields of a model and were given."""
+    return {name: value for name, value in vars(arguments).items() if name in model.model_fields and value is not None}
+
+
+def _serve(arguments: argparse.Namespace) -> None:
+    """Serve the API. Each flag has an environment variable, in brackets."""
+    import uvicorn  # not needed by the other commands, which should start fast
+
+    from service.app import create_app
+
+    settings = _settings(arguments)
+    Encoder.open(settings.model, settings.threads)  # a bad model ends here in one line, not in a server's traceback
+    app = create_app(settings)
+    uvicorn.run(app, host=settings.host, port=settings.port, log_level=settings.log_level, lifespan="on", ws="none")
+
+
+def _encode(arguments: argparse.Namespace) -> None:
+    """Encode the photo of one object and write its points, or its weights as .safetensors."""
+    settings = _settings(arguments)
+    query = EncodeQuery(**_given(arguments, EncodeQuery) | {"model": None})
+    as_weights = arguments.output.suffix == WEIGHT_FORMATS["safetensors"].extension
+    if not as_weights:
+        _points_query(arguments)  # refuses before the work is done
+    encoder = Encoder.open(settings.model, settings.threads)
+    framing = encoder.framing
+    if query.foreground_ratio is not None:
+        framing = replace(framing, foreground_ratio=query.foreground_ratio)
+    framed = preprocess(arguments.photo.read_bytes(), framing, query.background, settings.max_image_pixels)
+    weights = Weights(encoder.spec, encoder.encode(framed.tensor)[0], encoder.name)
+    if as_weights:
+        _write(arguments.output, [dump(weights, "safetensors")])
+    else:
+        _write_points(arguments, weights)
+
+
+def _sample(arguments: argparse.Namespace) -> None:
+    """Sample a weights file: the same points as the service gives for the object."""
+    _points_query(arguments)
+    _write_points(arguments, load(arguments.weights.read_bytes()))
+
+
+def _info(arguments: argparse.Namespace) -> None:
+    """Print the model's name, the spec and the size of theta, as JSON."""
+    weights = load(arguments.weights.read_bytes())
+    print(json.dumps({"model": weights.model, "spec": asdict(weights.spec), "size": weights.spec.size}, indent=2))
+
+
+def _openapi(arguments: argparse.Namespace) -> None:
+    """Print the API's schema: openapi.json."""
+    from service.app import create_app  # not needed by the other commands
+    from service.openapi import openapi_text
+
+    sys.stdout.write(openapi_text(create_app(Settings())))
+
+
+def _points_query(arguments: argparse.Namespace) -> tuple[PointFormat, PointsQuery]:
+    """What to sample, and the format that the output's suffix tells."""
+    formats = {fmt.extension: fmt for fmt in POINT_FORMATS.values()}
+    suffix = arguments.output.suffix
+    if suffix not in formats:
+        raise InvalidParameter(f"{arguments.output}: no format has the suffix {suffix!r}, only {', '.join(formats)}")
+    query = PointsQuery(**_given(arguments, PointsQuery))
+    check_size(formats[suffix], query.n, POINTS_CEILING)
+    return formats[suffix], query
+
+
+def _write_points(arguments: argparse.Namespace, weights: Weights) -> None:
+    fmt, query = _points_query(arguments)
+    chunks = partial(cloud, weights.spec, weights.theta, query.n, seed=query.seed, scale=query.scale)
+    _write(arguments.output, write(fmt, query.n, chunks))
+
+
+def _write(path: Path, pieces: Iterable[bytes]) -> None:
+    """Write a file whole or not at all: under another name first, beside where it goes."""
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with part.open("xb") as file:
+            file.writelines(pieces)
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)

@@ -1,0 +1,35 @@
+"""Ids of objects: digests of what an object is made from, so that a repeat is found, not made again."""
+
+import hashlib
+import json
+from typing import Final
+
+from service.images import Mask
+from service.mapping import Array, MappingSpec
+
+ID_DIGITS: Final = 32  # hexadecimal: 128 bits
+
+
+def encoded_id(image: bytes, mask: Mask, foreground_ratio: float, model_digest: str) -> str:
+    """Id of an encoded object: its image's bytes, how it was framed, and the model file."""
+    return _digest(
+        "encoded",
+        {
+            "image": hashlib.sha256(image).hexdigest(),
+            "mask": mask,
+            "foreground_ratio": foreground_ratio,
+            "model": model_digest,
+        },
+    )
+
+
+def imported_id(spec: MappingSpec, theta: Array) -> str:
+    """Id of an imported object: its theta (spec.size,) float32 and what that means."""
+    return _digest(
+        "imported", {"spec": spec.to_json(), "theta": hashlib.sha256(theta.astype("<f4").tobytes()).hexdigest()}
+    )
+
+
+def _digest(kind: str, parts: dict[str, str | float]) -> str:
+    text = json.dumps({"kind": kind, **parts}, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:ID_DIGITS]

@@ -1,0 +1,23 @@
+"""The API's schema, as it is served and as it is committed: openapi.json."""
+
+import json
+from typing import Any
+
+from fastapi import FastAPI
+
+
+def openapi_text(app: FastAPI) -> str:
+    """The schema of all calls, two spaces an indent, a newline at its end."""
+    schema = app.openapi()
+    for path in schema["paths"].values():
+        for operation in path.values():
+            _name_problems(operation["responses"])
+    return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
+
+
+def _name_problems(responses: dict[str, Any]) -> None:
+    """FastAPI files every model under application/json; ours of 4xx and 5xx are problem+json."""
+    for status, response in responses.items():
+        content = response.get("content", {})
+        if status >= "400" and "application/json" in content:
+            content["application/problem+json"] = content.pop("application/json")

@@ -1,0 +1,1 @@
+"""The calls of the API: HTTP only. They parse, call, and respond."""

@@ -1,0 +1,116 @@
+"""POST /encode: an image becomes an object."""
+
+from dataclasses import replace
+from datetime import UTC, datetime
+from typing import Annotated, Any, Final
+
+from fastapi import APIRouter, Query
+from starlette.requests import Request
+from starlette.responses import Response
+
+from service.errors import InvalidParameter
+from service.ids import encoded_id
+from service.images import Framed, Framing, preprocess
+from service.mapping import Array
+from service.runtime import Ready, Runtime
+from service.schemas import EncodedObject, EncodedWeights, EncodeQuery, ImageReport, Problem, Spec, base64_of
+from service.store import Record
+from service.uploads import read_image
+
+router = APIRouter()
+
+BINARY: Final = {"schema": {"type": "string", "format": "binary"}}
+FORM: Final = {
+    "schema": {
+        "type": "object",
+        "properties": {"image": {"type": "string", "format": "binary", "description": "PNG, JPEG or WebP"}},
+        "required": ["image"],
+    }
+}
+REQUEST_BODY: Final = {
+    "required": True,
+    "description": "The image: raw, or as the field `image` of a form. Its type is told by its content.",
+    "content": {
+        "multipart/form-data": FORM,
+        "image/png": BINARY,
+        "image/jpeg": BINARY,
+        "image/webp": BINARY,
+    },
+}
+RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
+    200: {
+        "description": "The object that the same image gave before; or, with `store=false`, the weights",
+    },
+    201: {
+        "model": EncodedObject,
+        "description": "A new object",
+        "headers": {"Location": {"description": "path of the object", "schema": {"type": "string"}}},
+    },
+    400: {"model": Problem, "description": "A truncated or corrupt image; a malformed form"},
+    413: {"model": Problem, "description": "More bytes or pixels than the limit"},
+    415: {"model": Problem, "description": "The body is no PNG, JPEG or WebP by its content; it is empty, say"},
+    422: {"model": Problem, "description": "A faulty parameter, or no object found in the image"},
+}
+
+
+@router.post(
+    "/encode",
+    tags=["objects"],
+    response_model=EncodedObject | EncodedWeights,
+    response_model_exclude_none=True,
+    responses=RESPONSES,
+    openapi_extra={"requestBody": REQUEST_BODY},
+)
+async def encode(
+    request: Request, response: Response, query: Annotated[EncodeQuery, Query()], runtime: Ready
+) -> EncodedObject | EncodedWeights:
+    """Turn the photo of one object into a mapping function, and keep it.
+
+    The id is a digest of the image's bytes, how it was framed, and the model: a repeat answers 200 with
+    the same object and costs no inference.
+    """
+    encoder, settings = runtime.encoder, runtime.settings
+    if query.model not in (None, encoder.name):
+        raise InvalidParameter(f"no such model is loaded; there is {encoder.name}", field="model")
+    image = await read_image(request, settings.max_image_bytes)
+    framing = encoder.framing
+    if query.foreground_ratio is not None:
+        framing = replace(framing, foreground_ratio=query.foreground_ratio)
+    framed = await runtime.run(preprocess, image, framing, query.background, settings.max_image_pixels)
+    if not query.store:
+        return _weights(runtime, framed, await _infer(runtime, framed))
+    record, theta, created = await _put(runtime, image, framing, framed)
+    if created:
+        response.status_code = 201
+        response.headers["Location"] = f"/objects/{record.id}"
+    return EncodedObject.of_image(record, framed, theta if query.include == "weights" else None)
+
+
+async def _put(runtime: Runtime, image: bytes, framing: Framing, framed: Framed) -> tuple[Record, Array, bool]:
+    """The object of a framed image, its theta, and whether it is new."""
+    encoder, store = runtime.encoder, runtime.store
+    object_id = encoded_id(image, framed.mask, framing.foreground_ratio, encoder.digest)
+    known = await store.find(object_id)
+    if known is not None:
+        return *known, False
+    theta = await _infer(runtime, framed)
+    record, created = await store.put(
+        Record(object_id, "encoded", encoder.name, encoder.spec, datetime.now(UTC)), theta
+    )
+    return record, theta, created
+
+
+async def _infer(runtime: Runtime, framed: Framed) -> Array:
+    theta: Array = (await runtime.run(runtime.encoder.encode, framed.tensor))[0]
+    return theta
+
+
+def _weights(runtime: Runtime, framed: Framed, theta: Array) -> EncodedWeights:
+    encoder = runtime.encoder
+    return EncodedWeights(
+        model=encoder.name,
+        spec=Spec.of(encoder.spec),
+        bytes=theta.nbytes,
+        image=ImageReport.of(framed),
+        weights=base64_of(theta),
+    )

@@ -1,0 +1,153 @@
+"""The stored objects, and what each gives: points and weights."""
+
+import re
+from datetime import UTC, datetime
+from functools import partial
+from typing import Annotated, Any, Final
+
+from fastapi import APIRouter, Depends, Path, Query
+from starlette.requests import Request
+from starlette.responses import Response, StreamingResponse
+
+from service.errors import NotFound
+from service.formats import POINT_FORMATS, negotiate
+from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
+from service.ids import ID_DIGITS, imported_id
+from service.points import check_size, cloud, stream
+from service.runtime import Ready
+from service.sampler import SCALES
+from service.schemas import NoQuery, ObjectPage, PageQuery, PointsQuery, Problem, StoredObject, WeightsQuery
+from service.store import Record
+from service.uploads import read_body
+
+router = APIRouter(prefix="/objects", tags=["objects"])
+BINARY: Final = {"schema": {"type": "string", "format": "binary"}}
+ATTACHMENT: Final = {"Content-Disposition": {"description": "a file name", "schema": {"type": "string"}}}
+MISSING: Final[dict[int | str, dict[str, Any]]] = {404: {"model": Problem, "description": "No object of that id"}}
+PROBE_POINTS: Final = 4096  # of an imported object, at the largest scale: that it can be sampled at all
+
+
+def object_id(id_: Annotated[str, Path(alias="id", description="id of an object")]) -> str:
+    """The id of the path. Raises NotFound for what cannot be one, before a database has to make sense of it."""
+    if not re.fullmatch(rf"[0-9a-f]{{{ID_DIGITS}}}", id_):
+        raise NotFound("there is no object of this id")
+    return id_
+
+
+ObjectId = Annotated[str, Depends(object_id)]
+
+
+@router.get("")
+async def page_of_objects(query: Annotated[PageQuery, Query()], runtime: Ready) -> ObjectPage:
+    """The stored objects, newest first. Objects that come in meanwhile do not shift the pages."""
+    records, cursor = await runtime.store.page(query.limit, query.cursor)
+    return ObjectPage(items=[StoredObject.of(record) for record in records], next=cursor, limit=query.limit)
+
+
+@router.post(
+    "",
+    response_model=StoredObject,
+    responses={
+        200: {"description": "The object that the same weights gave before"},
+        201: {
+            "model": StoredObject,
+            "description": "A new object",
+            "headers": {"Location": {"description": "path of the object", "schema": {"type": "string"}}},
+        },
+        400: {"model": Problem, "description": "Bytes that are no weights file, or whose numbers do not fit its spec"},
+        413: {"model": Problem, "description": "More bytes than the limit"},
+        422: {"model": Problem, "description": "A spec that describes no function; an unknown parameter"},
+    },
+    openapi_extra={"requestBody": {"required": True, "content": {"application/octet-stream": BINARY}}},
+)
+async def import_object(
+    request: Request, response: Response, query: Annotated[NoQuery, Query()], runtime: Ready
+) -> StoredObject:
+    """Keep a weights file (safetensors with its spec, as `/objects/{id}/weights` gives it) as an object."""
+    body = await read_body(request, runtime.settings.max_weights_bytes)
+    weights = await runtime.run(_finite_weights, body)
+    record, created = await runtime.store.put(
+        Record(imported_id(weights.spec, weights.theta), "imported", weights.model, weights.spec, datetime.now(UTC)),
+        weights.theta,
+    )
+    if created:
+        response.status_code = 201
+        response.headers["Location"] = f"/objects/{record.id}"
+    return StoredObject.of(record)
+
+
+@router.get("/{id}", responses=MISSING)
+async def one_object(id_: ObjectId, query: Annotated[NoQuery, Query()], runtime: Ready) -> StoredObject:
+    """One object."""
+    record, _ = await runtime.store.get(id_)
+    return StoredObject.of(record)
+
+
+@router.delete("/{id}", status_code=204, responses=MISSING)
+async def delete_object(id_: ObjectId, query: Annotated[NoQuery, Query()], runtime: Ready) -> None:
+    """Remove an object."""
+    await runtime.store.delete(id_)
+
+
+@router.get(
+    "/{id}/points",
+    response_class=StreamingResponse,
+    responses=MISSING
+    | {
+        200: {
+            "description": "The points, streamed",
+            "content": {fmt.media_type: BINARY for fmt in POINT_FORMATS.values()},
+            "headers": ATTACHMENT,
+        },
+        406: {"model": Problem, "description": "No format satisfies `Accept`"},
+    },
+)
+async def points(request: Request, id_: ObjectId, query: Annotated[PointsQuery, Query()], runtime: Ready) -> Response:
+    """Sample the object: canonical points through f^k, in the object frame (+Y up, front +Z, longest side 1).
+
+    The first m points of n are the points of m; `offset` goes on where another call stopped.
+    """
+    fmt = POINT_FORMATS[query.format] if query.format else negotiate(request.headers.get("accept"))
+    check_size(fmt, query.n, runtime.settings.max_points)
+    record, theta = await runtime.store.get(id_)
+    headers = _attachment(id_, fmt.extension) | {"Vary": "Accept"}
+    length = fmt.length(query.n)
+    if length is not None:
+        headers["Content-Length"] = str(length)
+    if "hof.head" in request.scope:
+        return Response(headers=headers, media_type=fmt.media_type)
+    chunks = partial(cloud, record.spec, theta, query.n, seed=query.seed, offset=query.offset, scale=query.scale)
+    pieces = stream(fmt, query.n, chunks, runtime.run)
+    return StreamingResponse(pieces, headers=headers, media_type=fmt.media_type)
+
+
+@router.get(
+    "/{id}/weights",
+    response_class=Response,
+    responses=MISSING
+    | {
+        200: {
+            "description": "theta in the chosen format",
+            "content": {fmt.media_type: BINARY for fmt in WEIGHT_FORMATS.values()},
+            "headers": ATTACHMENT,
+        }
+    },
+)
+async def weights(id_: ObjectId, query: Annotated[WeightsQuery, Query()], runtime: Ready) -> Response:
+    """theta and its spec: all that is needed to sample the object elsewhere."""
+    record, theta = await runtime.store.get(id_)
+    data = await runtime.run(dump, Weights(record.spec, theta, record.model), query.format)
+    fmt = WEIGHT_FORMATS[query.format]
+    return Response(data, headers=_attachment(id_, fmt.extension), media_type=fmt.media_type)
+
+
+def _attachment(id_: str, extension: str) -> dict[str, str]:
+    return {"Content-Disposition": f'attachment; filename="hof-{id_}{extension}"'}
+
+
+def _finite_weights(body: bytes) -> Weights:
+    """The weights of a file. Raises CorruptWeights, also where f^k leaves the range of float32."""
+    weights = load(body)
+    for _ in cloud(weights.spec, weights.theta, PROBE_POINTS, scale=SCALES[1]):
+        pass  # the sampler raises on values that are not finite
+    return weights

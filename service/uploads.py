@@ -1,0 +1,82 @@
+"""Request bodies, bounded: bytes are counted as they arrive, chunked bodies included."""
+
+from typing import Final
+
+from python_multipart.exceptions import FormParserError
+from python_multipart.multipart import Field, File, FormParser, parse_options_header
+from starlette.requests import Request
+
+from service.errors import InvalidInput, InvalidParameter, TooLarge
+
+FORM_OVERHEAD_BYTES: Final = 16_384  # boundaries and headers of a one-field form
+
+
+async def read_body(request: Request, max_bytes: int) -> bytes:
+    """The whole body. Raises TooLarge as soon as it is known to exceed `max_bytes`."""
+    declared = request.headers.get("content-length", "")
+    if declared.isdecimal() and int(declared) > max_bytes:
+        raise TooLarge(f"the body has {declared} bytes, the limit is {max_bytes}")
+    body = bytearray()
+    async for chunk in request.stream():
+        if len(body) + len(chunk) > max_bytes:
+            raise TooLarge(f"the body has more than {max_bytes} bytes, the limit")
+        body += chunk
+    return bytes(body)
+
+
+async def read_image(request: Request, max_bytes: int) -> bytes:
+    """The image of a request: the field `image` of a form, else the raw body, whatever its type says.
+
+    Raises
+    ------
+    TooLarge : the image exceeds `max_bytes`.
+    InvalidInput : a malformed form.
+    InvalidParameter : a form with other fields than one `image`.
+    """
+    content_type, options = parse_options_header(request.headers.get("content-type"))
+    if content_type != b"multipart/form-data":
+        return await read_body(request, max_bytes)
+    body = await read_body(request, max_bytes + FORM_OVERHEAD_BYTES)
+    image = form_image(body, options.get(b"boundary", b""))
+    if len(image) > max_bytes:
+        raise TooLarge(f"the image has {len(image)} bytes, the limit is {max_bytes}", field="image")
+    return image
+
+
+def form_image(body: bytes, boundary: bytes) -> bytes:
+    """The bytes of the one field, `image`, of a multipart form. Raises as `read_image` does."""
+    images: list[bytes] = []
+    ended: list[bool] = []
+
+    def take(name: bytes | None, value: bytes) -> None:
+        # Refusing at once keeps a form of a million tiny parts from being parsed to its end.
+        if name != b"image":
+            raise InvalidParameter("the form may have one field, image", field=(name or b"")[:64].decode("latin-1"))
+        if images:
+            raise InvalidParameter("the form has more than one field image", field="image")
+        images.append(value)
+
+    def take_file(file: File) -> None:
+        file.file_object.seek(0)
+        take(file.field_name, file.file_object.read())
+
+    def take_field(field: Field) -> None:
+        take(field.field_name, field.value or b"")
+
+    try:
+        parser = FormParser(
+            "multipart/form-data",
+            take_field,
+            take_file,
+            on_end=lambda: ended.append(True),
+            boundary=boundary,
+            config={"MAX_MEMORY_FILE_SIZE": len(body) + 1, "UPLOAD_ERROR_ON_BAD_CTE": True},  # nothing on disk
+        )
+        parser.write(body)
+    except FormParserError as error:
+        raise InvalidInput("the multipart form is malformed", field="image") from error
+    if not ended:
+        raise InvalidInput("the multipart form is malformed: its last boundary is missing", field="image")
+    if not images:
+        raise InvalidParameter("the form lacks the field image", field="image")
+    return images[0]
