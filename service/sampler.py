@@ -199,10 +199,12 @@ def _block(domain: Domain, seed: int, first: int) -> Array:
     u = _uniform(seed, first)
     if domain == "cube":
         return 2 * u[:3] - 1
+    radius: Array  # u ** (1 / d): uniform in volume
     if domain == "ball4":
-        return np.sqrt(np.sqrt(u[0])) * _direction4(u[1], u[2], u[3])
-    direction = _direction3(u[1], u[2])
-    return direction if domain == "sphere" else np.cbrt(u[0]) * direction
+        radius = np.sqrt(np.sqrt(u[0]))
+        return radius * _direction4(u[1], u[2], u[3])
+    radius = np.ones_like(u[0]) if domain == "sphere" else np.cbrt(u[0])
+    return radius * _direction3(u[1], u[2])
 
 
 def _uniform(seed: int, first: int) -> Array:

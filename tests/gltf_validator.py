@@ -1,0 +1,38 @@
+"""The Khronos glTF validator, run by Node; `npm ci` in tests/gltf installs it."""
+
+import json
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+_FOLDER = Path(__file__).parent / "gltf"
+TIMEOUT_S = 60
+
+
+def gltf_report(glb: bytes, folder: Path) -> dict[str, Any]:
+    """The validator's report on a GLB file, which is written to `folder`; fails without Node or the package."""
+    node = shutil.which("node")
+    if node is None:
+        pytest.fail("Node is not installed: the glTF tests run the Khronos validator with it")
+    if not (_FOLDER / "node_modules" / "gltf-validator").is_dir():
+        pytest.fail("the Khronos validator is not installed: run `npm ci` in tests/gltf")
+    path = folder / "validated.glb"
+    path.write_bytes(glb)
+    run = subprocess.run(
+        [node, str(_FOLDER / "validate.mjs"), str(path)], capture_output=True, text=True, timeout=TIMEOUT_S, check=False
+    )
+    if run.returncode != 0:
+        pytest.fail(f"the Khronos validator gave up: {run.stderr}")
+    report: dict[str, Any] = json.loads(run.stdout)
+    return report
+
+
+def check_valid(glb: bytes, folder: Path) -> dict[str, Any]:
+    """The report on a GLB file that must have neither errors nor warnings."""
+    report = gltf_report(glb, folder)
+    issues = report["issues"]
+    assert (issues["numErrors"], issues["numWarnings"]) == (0, 0), issues["messages"]
+    return report

@@ -1,0 +1,247 @@
+import io
+import json
+import struct
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from gltf_validator import check_valid, gltf_report
+
+from service.errors import InvalidParameter, NotAcceptable
+from service.formats import POINT_FORMATS, PointFormat, negotiate, write
+from service.mapping import Array
+from service.sampler import bounds, canonical_points
+
+FORMATS = list(POINT_FORMATS.values())
+BINARY = [POINT_FORMATS[name] for name in ("ply", "npy", "glb")]
+TEXT = [POINT_FORMATS[name] for name in ("xyz", "json")]
+TWO = np.array([[0.5, -1, 0], [0.1, 2e-7, -123456.789]], np.float32)
+
+
+def in_chunks(points: Array, chunk: int = 1000) -> Callable[[], Iterator[Array]]:
+    return lambda: (points[at : at + chunk] for at in range(0, len(points), chunk))
+
+
+def file_of(fmt: PointFormat, points: Array, chunk: int = 1000) -> bytes:
+    return b"".join(write(fmt, len(points), in_chunks(points, chunk)))
+
+
+def read(fmt: PointFormat, data: bytes) -> Array:
+    """The points as another program reads them, (n, 3) float32."""
+    match fmt.name:
+        case "ply" | "glb":
+            geometry = trimesh.load_scene(io.BytesIO(data), file_type=fmt.name).to_geometry()
+            return np.asarray(geometry.vertices, np.float32)
+        case "npy":
+            return np.asarray(np.load(io.BytesIO(data), allow_pickle=False))
+        case "xyz":
+            return np.loadtxt(io.BytesIO(data), dtype=np.float32, ndmin=2)
+        case "json":
+            return np.array(json.loads(data)["points"], np.float32)
+    raise ValueError(fmt.name)
+
+
+def test_names() -> None:
+    assert list(POINT_FORMATS) == ["ply", "npy", "xyz", "json", "glb"]
+    assert all(name == fmt.name and fmt.extension == f".{name}" for name, fmt in POINT_FORMATS.items())
+
+
+# Bytes
+
+
+def test_ply_bytes() -> None:
+    header = (
+        b"ply\nformat binary_little_endian 1.0\ncomment +Y is up, the front faces +Z\nelement vertex 2\n"
+        b"property float x\nproperty float y\nproperty float z\nend_header\n"
+    )
+    assert file_of(POINT_FORMATS["ply"], TWO) == header + struct.pack("<6f", *TWO.ravel())
+
+
+def test_npy_bytes() -> None:
+    buffer = io.BytesIO()
+    np.save(buffer, TWO)
+    assert file_of(POINT_FORMATS["npy"], TWO) == buffer.getvalue()
+
+
+def test_xyz_bytes() -> None:
+    assert file_of(POINT_FORMATS["xyz"], TWO) == b"0.5 -1 0\n0.1 2e-07 -123457\n"
+
+
+@pytest.mark.parametrize("chunk", [1, 2])
+def test_json_bytes(chunk: int) -> None:
+    expected = b'{"n":2,"points":[[0.5,-1,0],[0.100000001,2.00000002e-07,-123456.789]]}\n'
+    assert file_of(POINT_FORMATS["json"], TWO, chunk) == expected
+
+
+def test_glb_bytes() -> None:
+    data = file_of(POINT_FORMATS["glb"], TWO)
+    magic, version, length, json_length, kind = struct.unpack_from("<4sIII4s", data)
+    assert (magic, version, length, kind) == (b"glTF", 2, len(data), b"JSON")
+    document = json.loads(data[20 : 20 + json_length])
+    binary = data[20 + json_length :]
+    assert binary == struct.pack("<I4s", 24, b"BIN\0") + struct.pack("<6f", *TWO.ravel())
+    assert document["meshes"][0]["primitives"][0]["mode"] == 0  # POINTS
+    assert document["materials"][0]["extensions"] == {"KHR_materials_unlit": {}}
+    accessor = document["accessors"][0]
+    assert accessor["count"] == 2
+    np.testing.assert_array_equal(np.float32(accessor["min"]), TWO.min(axis=0))
+    np.testing.assert_array_equal(np.float32(accessor["max"]), TWO.max(axis=0))
+
+
+# What every format does
+
+
+@pytest.mark.parametrize("fmt", FORMATS, ids=lambda fmt: fmt.name)
+@pytest.mark.parametrize("n", [1, 2, 2500])
+def test_other_programs_read_the_points(fmt: PointFormat, n: int) -> None:
+    points = canonical_points("ball", n)
+    back = read(fmt, file_of(fmt, points))
+    if fmt.name == "xyz":  # six digits
+        np.testing.assert_allclose(back, points, rtol=5e-6)
+    else:
+        np.testing.assert_array_equal(back, points)
+
+
+@pytest.mark.parametrize("fmt", FORMATS, ids=lambda fmt: fmt.name)
+def test_chunking_leaves_the_bytes_alone(fmt: PointFormat) -> None:
+    points = canonical_points("ball", 1234)
+    assert file_of(fmt, points, 1) == file_of(fmt, points, 100) == file_of(fmt, points, 5000)
+
+
+@pytest.mark.parametrize("fmt", BINARY, ids=lambda fmt: fmt.name)
+@pytest.mark.parametrize("n", [1, 9, 10, 9999, 10_000])
+def test_length_is_the_files(fmt: PointFormat, n: int) -> None:
+    assert fmt.length(n) == len(file_of(fmt, np.ones((n, 3), np.float32)))
+
+
+@pytest.mark.parametrize("fmt", TEXT, ids=lambda fmt: fmt.name)
+def test_length_of_text_is_unknown(fmt: PointFormat) -> None:
+    assert fmt.length(1000) is None
+
+
+@pytest.mark.parametrize("fmt", FORMATS, ids=lambda fmt: fmt.name)
+def test_points_that_are_views_and_of_either_byte_order(fmt: PointFormat) -> None:
+    wide = np.arange(40, dtype=np.float32).reshape(10, 4)
+    view = wide[::2, :3]
+    expected = file_of(fmt, np.ascontiguousarray(view))
+    assert file_of(fmt, view) == expected
+    assert file_of(fmt, view.astype(">f4")) == expected
+
+
+@pytest.mark.parametrize("fmt", FORMATS, ids=lambda fmt: fmt.name)
+def test_pieces_are_one_a_chunk_and_never_empty(fmt: PointFormat) -> None:
+    pieces = list(write(fmt, 500, in_chunks(np.zeros((500, 3), np.float32), 100)))
+    assert all(pieces)
+    assert 5 <= len(pieces) <= 7
+
+
+@pytest.mark.parametrize("fmt", FORMATS, ids=lambda fmt: fmt.name)
+def test_only_formats_with_bounds_take_two_passes(fmt: PointFormat) -> None:
+    passes = []
+
+    def chunks() -> Iterator[Array]:
+        passes.append(1)
+        yield TWO
+
+    list(write(fmt, 2, chunks))
+    assert len(passes) == (2 if fmt.needs_bounds else 1)
+    assert fmt.needs_bounds == (fmt.name == "glb")
+
+
+@pytest.mark.parametrize("fmt", FORMATS, ids=lambda fmt: fmt.name)
+def test_too_many_or_no_points_are_refused_at_once(fmt: PointFormat) -> None:
+    sizes = [0] if fmt.max_points is None else [0, fmt.max_points + 1]
+    for n in sizes:
+        with pytest.raises(InvalidParameter) as caught:
+            write(fmt, n, lambda: iter([TWO]))
+        assert caught.value.field == "n"
+
+
+def test_limits() -> None:
+    assert POINT_FORMATS["json"].max_points == 100_000
+    largest = POINT_FORMATS["glb"].max_points
+    assert largest is not None
+    length = POINT_FORMATS["glb"].length(largest)
+    assert length is not None
+    assert 2**32 - 12 <= length < 2**32  # the header holds it in 32 bits
+
+
+# GLB against the Khronos validator
+
+
+@pytest.mark.parametrize("n", [1, 2, 10_000])
+def test_glb_is_valid(n: int, tmp_path: Path) -> None:
+    points = canonical_points("ball", n, seed=5)
+    report = check_valid(file_of(POINT_FORMATS["glb"], points), tmp_path)
+    assert report["info"]["totalVertexCount"] == n
+    assert report["info"]["extensionsUsed"] == ["KHR_materials_unlit"]
+
+
+@pytest.mark.parametrize("value", [0.0, -0.0, 1.1754944e-38, -3.4028235e38, 1 / 3])
+def test_glb_is_valid_for_awkward_numbers(value: float, tmp_path: Path) -> None:
+    check_valid(file_of(POINT_FORMATS["glb"], np.full((3, 3), value, np.float32)), tmp_path)
+
+
+def test_glb_head_is_of_fixed_size() -> None:
+    fmt = POINT_FORMATS["glb"]
+    assert fmt.max_points is not None
+    long = np.full(3, -1.17549435e-38, np.float32)
+    assert len(fmt.head(fmt.max_points, (long, long))) == len(fmt.head(1, bounds([TWO])))
+
+
+def test_glb_without_bounds() -> None:
+    with pytest.raises(ValueError, match="bounds"):
+        POINT_FORMATS["glb"].head(2, None)
+
+
+def test_the_validator_sees_wrong_bounds(tmp_path: Path) -> None:
+    fmt = POINT_FORMATS["glb"]
+    wrong = fmt.head(2, (np.zeros(3, np.float32), np.ones(3, np.float32))) + fmt.body(TWO)
+    assert gltf_report(wrong, tmp_path)["issues"]["numErrors"] > 0
+
+
+# Accept
+
+
+@pytest.mark.parametrize(
+    ("accept", "name"),
+    [
+        (None, "ply"),
+        ("", "ply"),
+        ("*/*", "ply"),
+        ("text/html,application/xhtml+xml,application/xml;q=0.9,*/*;q=0.8", "ply"),
+        ("model/ply", "ply"),
+        ("application/x-npy", "npy"),
+        ("text/plain", "xyz"),
+        ("text/*", "xyz"),
+        ("application/json", "json"),
+        ("model/gltf-binary", "glb"),
+        ("Model/GLTF-Binary", "glb"),
+        ("model/*", "ply"),
+        ("application/*", "npy"),
+        ("application/json;q=0.5, model/gltf-binary;q=0.9", "glb"),
+        ("application/json ; q=0.9 , model/gltf-binary;q=0.5", "json"),
+        ("model/gltf-binary, */*;q=0.1", "glb"),
+        ("*/*, model/gltf-binary", "glb"),
+        ("application/json, text/plain, */*", "json"),
+        ("text/plain, application/json, */*", "xyz"),
+        ("model/*, model/ply;q=0", "glb"),
+        ("*/*;q=0.5, model/ply;q=0.1, application/x-npy;q=0.2", "xyz"),
+        ("application/json;charset=utf-8;q=1", "json"),
+        ("application/json;q=high, text/plain;q=0.1", "xyz"),
+        ("application/json;q=7, text/plain;q=0.1", "xyz"),
+        ("nonsense, application/json", "json"),
+    ],
+)
+def test_negotiate(accept: str | None, name: str) -> None:
+    assert negotiate(accept).name == name
+
+
+@pytest.mark.parametrize(
+    "accept", ["image/png", "image/*", "*/*;q=0", "model/ply;q=0", "nonsense", "application/json;q=0, text/html", "*"]
+)
+def test_not_acceptable(accept: str) -> None:
+    with pytest.raises(NotAcceptable, match="model/gltf-binary"):
+        negotiate(accept)

@@ -1,0 +1,205 @@
+import io
+import json
+import struct
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as npst
+from safetensors import numpy as safetensors_numpy
+
+from service.errors import CorruptWeights, InvalidSpec
+from service.formats.weights import MAX_HEADER_BYTES, WEIGHT_FORMATS, Weights, dump, load
+from service.mapping import HOF_1, MappingSpec, initial_theta
+
+TINY = MappingSpec("tiny", 3, (2,), 3, k=2)
+THETA = np.linspace(-1, 1, TINY.size, dtype=np.float32)
+WEIGHTS = Weights(TINY, THETA, "hof1-k2")
+FILE = dump(WEIGHTS, "safetensors")
+METADATA = {"format": "hof-theta-1", "spec": TINY.to_json(), "model": "hof1-k2"}
+TENSOR = {"dtype": "F32", "shape": [17], "data_offsets": [0, 68]}
+
+printable = st.text(st.characters(categories=["L", "N", "P", "S"]), min_size=1, max_size=200)
+finite = st.floats(width=32, allow_nan=False, allow_infinity=False)
+
+
+def assemble(header: object, payload: bytes = THETA.tobytes()) -> bytes:
+    text = header if isinstance(header, bytes) else json.dumps(header).encode()
+    return struct.pack("<Q", len(text)) + text + payload
+
+
+def assert_equal(a: Weights, b: Weights) -> None:
+    assert (a.spec, a.model) == (b.spec, b.model)
+    assert a.theta.tobytes() == b.theta.tobytes()
+    assert a.theta.dtype == b.theta.dtype == np.float32
+
+
+@given(
+    name=printable,
+    model=printable,
+    hidden=st.lists(st.integers(1, 9), min_size=1, max_size=3),
+    k=st.integers(1, 16),
+    data=st.data(),
+)
+@settings(deadline=None)
+def test_round_trip(name: str, model: str, hidden: list[int], k: int, data: st.DataObject) -> None:
+    spec = MappingSpec(name, 3, tuple(hidden), 3, k=k)
+    theta = data.draw(npst.arrays(np.float32, spec.size, elements=finite))
+    weights = Weights(spec, theta, model)
+    assert_equal(load(dump(weights, "safetensors")), weights)
+    as_json = json.loads(dump(weights, "json"))
+    np.testing.assert_array_equal(np.array(as_json["theta"], np.float32), theta)
+    np.testing.assert_array_equal(np.load(io.BytesIO(dump(weights, "npy"))), theta)
+
+
+def test_the_safetensors_library_reads_ours() -> None:
+    weights = Weights(HOF_1, initial_theta(HOF_1), "hof1")
+    tensors = safetensors_numpy.load(dump(weights, "safetensors"))
+    assert list(tensors) == ["theta"]
+    np.testing.assert_array_equal(tensors["theta"], weights.theta)
+
+
+def test_we_read_the_safetensors_librarys() -> None:
+    assert_equal(load(safetensors_numpy.save({"theta": THETA}, metadata=METADATA)), WEIGHTS)
+
+
+def test_safetensors_bytes() -> None:
+    (size,) = struct.unpack_from("<Q", FILE)
+    assert size % 8 == 0
+    assert json.loads(FILE[8 : 8 + size]) == {"__metadata__": METADATA, "theta": TENSOR}
+    assert FILE[8 + size :] == struct.pack("<17f", *THETA)
+
+
+def test_json_fields() -> None:
+    fields = json.loads(dump(WEIGHTS, "json"))
+    assert fields.keys() == {"format", "model", "spec", "theta"}
+    assert (fields["format"], fields["model"]) == ("hof-theta-1", "hof1-k2")
+    assert MappingSpec.from_dict(fields["spec"]) == TINY
+
+
+def test_npy_is_little_endian_whatever_theta_is() -> None:
+    swapped = Weights(TINY, THETA.astype(">f4"), "x")
+    for name in WEIGHT_FORMATS:
+        assert dump(swapped, name) == dump(Weights(TINY, THETA, "x"), name)
+
+
+def test_loaded_theta_is_our_own_memory() -> None:
+    theta = load(FILE).theta
+    assert theta.flags.owndata
+    assert theta.flags.writeable
+
+
+def test_formats() -> None:
+    assert list(WEIGHT_FORMATS) == ["safetensors", "npy", "json"]
+    assert all(fmt.extension == f".{name}" for name, fmt in WEIGHT_FORMATS.items())
+
+
+# What is refused
+
+
+@pytest.mark.parametrize("length", range(len(FILE)))
+def test_every_truncation_is_corrupt(length: int) -> None:
+    with pytest.raises(CorruptWeights):
+        load(FILE[:length])
+
+
+def test_trailing_bytes_are_corrupt() -> None:
+    with pytest.raises(CorruptWeights):
+        load(FILE + b"\0")
+
+
+@given(st.binary(max_size=300))
+@settings(deadline=None)
+def test_noise_is_corrupt(data: bytes) -> None:
+    with pytest.raises(CorruptWeights):
+        load(data)
+
+
+@given(position=st.integers(8, len(FILE) - 1), value=st.integers(0, 255))
+@settings(deadline=None)
+def test_a_changed_byte_is_read_or_refused(position: int, value: int) -> None:
+    data = bytearray(FILE)
+    data[position] = value
+    try:
+        weights = load(bytes(data))
+    except (CorruptWeights, InvalidSpec):
+        return
+    assert weights.theta.shape == (weights.spec.size,)
+    assert np.isfinite(weights.theta).all()
+
+
+@pytest.mark.parametrize("size", [MAX_HEADER_BYTES + 1, 2**40, 2**64 - 1])
+def test_a_huge_header_is_refused_unread(size: int) -> None:
+    with pytest.raises(CorruptWeights, match=r"at most 16384"):
+        load(struct.pack("<Q", size) + b" " * 100_000)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_numbers_that_are_not_finite(value: float) -> None:
+    theta = THETA.copy()
+    theta[5] = value
+    with pytest.raises(CorruptWeights, match="finite"):
+        load(dump(Weights(TINY, theta, "x"), "safetensors"))
+
+
+@pytest.mark.parametrize("size", [0, 16, 18, 7171])
+def test_theta_of_the_wrong_size(size: int) -> None:
+    with pytest.raises(CorruptWeights, match=r"\[17\]"):
+        load(safetensors_numpy.save({"theta": np.zeros(size, np.float32)}, metadata=METADATA))
+
+
+@pytest.mark.parametrize("dtype", [np.float16, np.float64, np.int32])
+def test_theta_of_the_wrong_type(dtype: type) -> None:
+    with pytest.raises(CorruptWeights, match="F32"):
+        load(safetensors_numpy.save({"theta": THETA.astype(dtype)}, metadata=METADATA))
+
+
+@pytest.mark.parametrize(
+    "tensors", [{}, {"weights": THETA}, {"theta": THETA, "more": THETA}, {"theta": THETA[None]}], ids=list
+)
+def test_other_tensors(tensors: dict[str, npt.NDArray[np.float32]]) -> None:
+    with pytest.raises(CorruptWeights, match="one tensor"):
+        load(safetensors_numpy.save(tensors, metadata=METADATA))
+
+
+@pytest.mark.parametrize("key", ["format", "spec", "model"])
+def test_missing_metadata(key: str) -> None:
+    metadata = {name: value for name, value in METADATA.items() if name != key}
+    with pytest.raises(CorruptWeights, match=key):
+        load(assemble({"__metadata__": metadata, "theta": TENSOR}))
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        {"theta": TENSOR},
+        {"__metadata__": [], "theta": TENSOR},
+        {"__metadata__": METADATA | {"format": "hof-theta-2"}, "theta": TENSOR},
+        {"__metadata__": METADATA | {"model": 7}, "theta": TENSOR},
+        {"__metadata__": METADATA | {"spec": {}}, "theta": TENSOR},
+        {"__metadata__": METADATA | {"model": ""}, "theta": TENSOR},
+        {"__metadata__": METADATA | {"model": "x" * 201}, "theta": TENSOR},
+        {"__metadata__": METADATA | {"model": "a\0b"}, "theta": TENSOR},
+        {"__metadata__": METADATA | {"model": "\ud800"}, "theta": TENSOR},
+        {"__metadata__": METADATA | {"spec": TINY.to_json().replace("tiny", "\\ud800")}, "theta": TENSOR},
+        {"__metadata__": METADATA, "theta": TENSOR | {"data_offsets": [4, 72]}},
+        {"__metadata__": METADATA, "theta": None},
+        [],
+        7,
+        b"{",
+        b"\xff\xfe",
+        b"[" * 10_000,
+    ],
+    ids=lambda header: str(header)[:60],
+)
+def test_bad_headers(header: object) -> None:
+    with pytest.raises(CorruptWeights):
+        load(assemble(header))
+
+
+@pytest.mark.parametrize("spec", ["", "{}", TINY.to_json().replace("[2]", "[0]"), '{"hidden":[99999999999]}'])
+def test_a_bad_spec(spec: str) -> None:
+    with pytest.raises(InvalidSpec):
+        load(assemble({"__metadata__": METADATA | {"spec": spec}, "theta": TENSOR}))
