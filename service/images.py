@@ -83,18 +83,7 @@ def decode(data: bytes, max_pixels: int = DEFAULT_MAX_PIXELS) -> Image.Image:
     TooLarge : the header announces more than `max_pixels`; nothing is decoded then.
     CorruptImage : the bytes break off or make no sense.
     """
-    opener = _opener(data)
-    try:
-        image = opener(io.BytesIO(data))
-        width, height = image.size
-        if width * height > max_pixels or max(width, height) > MAX_SIDE:
-            raise TooLarge(f"the image has {width} x {height} pixels, the limit is {max_pixels} in all", field="image")
-        if isinstance(image, JpegImageFile):
-            image.draft("RGB", (WORK_SIDE, WORK_SIDE))  # decodes at 1/2, 1/4 or 1/8 where that is enough
-        image.load()
-        return _to_rgb(ImageOps.exif_transpose(image))
-    except _DECODE_ERRORS as error:
-        raise CorruptImage("the image is truncated or corrupt", field="image") from error
+    return _decode(data, max_pixels)[0]
 
 
 def frame(image: Image.Image, framing: Framing, background: Background = "auto") -> tuple[Image.Image, Mask, Box]:
@@ -108,11 +97,7 @@ def frame(image: Image.Image, framing: Framing, background: Background = "auto")
     work = image.reduce(factor) if factor > 1 else image
     rgba, mask = _matte(work, background)
     box = (0, 0, *work.size) if mask == "none" else _foreground_box(np.asarray(rgba)[..., 3])
-    square = _square(box, 1.0 if mask == "none" else framing.foreground_ratio)
-    crop = rgba.crop(square).resize(
-        (framing.size, framing.size),
-        Image.Resampling.BOX if square[2] - square[0] >= framing.size else Image.Resampling.BILINEAR,
-    )
+    crop = _crop(rgba, box, 1.0 if mask == "none" else framing.foreground_ratio, framing.size)
     width, height = image.size
     left, top, right, bottom = (factor * edge for edge in box)
     return crop, mask, (left, top, min(right, width), min(bottom, height))
@@ -125,9 +110,11 @@ def preprocess(
     max_pixels: int = DEFAULT_MAX_PIXELS,
 ) -> Framed:
     """A photo's bytes -> the encoder's input. Raises as `decode` and `frame` do."""
-    image = decode(data, max_pixels)
-    crop, mask, box = frame(image, framing, background)
-    return Framed(over_white(crop), mask, box, *image.size)
+    image, (width, height) = _decode(data, max_pixels)
+    crop, mask, (left, top, right, bottom) = frame(image, framing, background)
+    x, y = width / image.width, height / image.height  # above 1 where a JPEG was decoded at a part of its size
+    box = (round(left * x), round(top * y), round(right * x), round(bottom * y))
+    return Framed(over_white(crop), mask, box, width, height)
 
 
 def over_white(rgba: Image.Image) -> npt.NDArray[np.float32]:
@@ -148,15 +135,44 @@ def _opener(data: bytes) -> type[ImageFile.ImageFile]:
     raise UnsupportedMedia("the body is no PNG, JPEG or WebP image", field="image")
 
 
+def _decode(data: bytes, max_pixels: int) -> tuple[Image.Image, tuple[int, int]]:
+    """As `decode`, and the width and height that the upright image has in full size."""
+    opener = _opener(data)
+    try:
+        image = opener(io.BytesIO(data))
+        width, height = image.size
+        if width * height > max_pixels or max(width, height) > MAX_SIDE:
+            raise TooLarge(f"the image has {width} x {height} pixels, the limit is {max_pixels} in all", field="image")
+        if isinstance(image, JpegImageFile):
+            image.draft("RGB", (WORK_SIDE, WORK_SIDE))  # decodes at 1/2, 1/4 or 1/8 where that is enough
+        image.load()
+        upright = ImageOps.exif_transpose(image)
+        return _to_rgb(upright), (width, height) if upright.size == image.size else (height, width)
+    except Image.DecompressionBombError as error:  # Pillow's own limit, before it makes a WebP decoder
+        raise TooLarge(f"the image has more than {max_pixels} pixels, the limit", field="image") from error
+    except _DECODE_ERRORS as error:
+        raise CorruptImage("the image is truncated or corrupt", field="image") from error
+
+
 def _to_rgb(image: Image.Image) -> Image.Image:
     """Any mode -> RGBA where some pixel is transparent, else RGB."""
     if image.mode.startswith("I"):  # 16-bit grey: convert() would clip, not scale
-        image = Image.fromarray((np.asarray(image).astype(np.int64) >> 8).clip(0, 255).astype(np.uint8))
+        return _from_grey16(np.asarray(image).astype(np.int64), image.info.get("transparency"))
     if image.has_transparency_data:
         rgba = image.convert("RGBA")
         low, _ = rgba.getchannel("A").getextrema()
         return rgba if low != 255 else rgba.convert("RGB")
     return image.convert("RGB")
+
+
+def _from_grey16(values: npt.NDArray[np.int64], transparent: int | None) -> Image.Image:
+    """Grey of 16 bits -> RGB, or RGBA where one value stands for transparent (PNG's tRNS)."""
+    grey = Image.fromarray((values >> 8).clip(0, 255).astype(np.uint8))
+    if transparent is None or not (values == transparent).any():
+        return grey.convert("RGB")
+    rgba = grey.convert("RGBA")
+    rgba.putalpha(Image.fromarray(np.where(values == transparent, 0, 255).astype(np.uint8)))
+    return rgba
 
 
 def _matte(image: Image.Image, background: Background) -> tuple[Image.Image, Mask]:
@@ -205,9 +221,21 @@ def _span(counts: npt.NDArray[np.int_]) -> tuple[int, int]:
     return int(np.searchsorted(total, slack, side="right")), int(np.searchsorted(total, total[-1] - slack)) + 1
 
 
+def _crop(rgba: Image.Image, box: Box, foreground_ratio: float, size: int) -> Image.Image:
+    """The square around a box, resized to (size, size)."""
+    square = _square(box, foreground_ratio)
+    shrink = (square[2] - square[0]) // (2 * WORK_SIDE)
+    if shrink > 1:  # a small ratio makes a square far larger than the image
+        rgba = rgba.reduce(shrink)
+        left, top, right, bottom = (edge // shrink for edge in box)
+        square = _square((left, top, right, bottom), foreground_ratio)
+    resampling = Image.Resampling.BOX if square[2] - square[0] >= size else Image.Resampling.BILINEAR
+    return rgba.crop(square).resize((size, size), resampling)
+
+
 def _square(box: Box, foreground_ratio: float) -> Box:
     """The square around the box's centre whose side times `foreground_ratio` is the longer side."""
     left, top, right, bottom = box
     side = max(1, round(max(right - left, bottom - top) / foreground_ratio))
-    x, y = round((left + right - side) / 2), round((top + bottom - side) / 2)
+    x, y = (left + right - side) // 2, (top + bottom - side) // 2  # rounds alike wherever the object stands
     return x, y, x + side, y + side

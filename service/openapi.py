@@ -12,6 +12,8 @@ def openapi_text(app: FastAPI) -> str:
     for path in schema["paths"].values():
         for operation in path.values():
             _name_problems(operation["responses"])
+            for parameter in operation.get("parameters", []):
+                parameter["schema"] = _without_null(parameter["schema"])
     return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
 
 
@@ -21,3 +23,10 @@ def _name_problems(responses: dict[str, Any]) -> None:
         content = response.get("content", {})
         if status >= "400" and "application/json" in content:
             content["application/problem+json"] = content.pop("application/json")
+
+
+def _without_null(schema: dict[str, Any]) -> dict[str, Any]:
+    """A parameter is left out, never null: FastAPI writes Python's None as one more type."""
+    types = [option for option in schema.get("anyOf", []) if option != {"type": "null"}]
+    rest = {key: value for key, value in schema.items() if key != "anyOf"}
+    return {**types[0], **rest} if len(types) == 1 else schema

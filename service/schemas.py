@@ -36,20 +36,22 @@ class EncodeQuery(NoQuery):
         description="`auto` removes the background where transparency or a uniform border tells it; `keep` takes "
         "the image as it is; `remove` insists: 422 where nothing tells it",
     )
-    foreground_ratio: Annotated[float, Field(ge=0.1, le=1)] | SkipJsonSchema[None] = Field(
+    foreground_ratio: float | None = Field(
         default=None,
+        ge=0.1,
+        le=1,
         description="share of the encoder's input that the object's longer side takes; by default as in the model's "
         "training, 0.85 for the shipped model",
     )
-    include: Literal["weights"] | SkipJsonSchema[None] = Field(default=None, description="add `weights` to the answer")
-    model: str | SkipJsonSchema[None] = Field(default=None, max_length=200, description="name of a loaded model")
+    include: Literal["weights"] | None = Field(default=None, description="add `weights` to the answer")
+    model: str | None = Field(default=None, max_length=200, description="name of a loaded model")
 
 
 class PageQuery(NoQuery):
     """Which part of the list."""
 
     limit: int = Field(default=50, ge=1, le=500, description="most items of the page")
-    cursor: str | SkipJsonSchema[None] = Field(default=None, max_length=64, description="`next` of the page before")
+    cursor: str | None = Field(default=None, max_length=64, description="`next` of the page before")
 
 
 class PointsQuery(NoQuery):
@@ -69,7 +71,7 @@ class PointsQuery(NoQuery):
         le=SCALES[1],
         description="length of the longest side, in metres say; the object's own is 1",
     )
-    format: PointFormatName | SkipJsonSchema[None] = Field(
+    format: PointFormatName | None = Field(
         default=None, description="file format; wins over `Accept`; PLY where neither says"
     )
 

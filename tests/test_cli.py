@@ -1,0 +1,151 @@
+"""The `hof` command: the service's code without a server."""
+
+import json
+from pathlib import Path
+
+import httpx
+import numpy as np
+import pytest
+import uvicorn
+
+from service.cli import main
+from service.formats import POINT_FORMATS
+from service.formats.weights import load
+from service.settings import Settings
+
+
+@pytest.fixture
+def here(tmp_path: Path, model_path: Path, photo: bytes, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A working folder with photo.png and nothing else; the tiny model is the default one."""
+    folder = tmp_path / "here"
+    folder.mkdir()
+    (folder / "photo.png").write_bytes(photo)
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("HOF_MODEL", str(model_path))
+    return folder
+
+
+@pytest.mark.parametrize("name", POINT_FORMATS)
+def test_encode_writes_the_file_that_the_service_serves(here: Path, client: httpx.Client, name: str) -> None:
+    assert main(["encode", "photo.png", "-o", f"out.{name}", "--n", "5000", "--seed", "3", "--scale", "2"]) == 0
+    link = client.post("/encode", content=(here / "photo.png").read_bytes()).json()["links"]["points"]
+    served = client.get(link, params={"n": 5000, "seed": 3, "scale": 2, "format": name})
+    assert (here / f"out.{name}").read_bytes() == served.content
+
+
+def test_encode_writes_weights_and_sample_gives_the_same_points(here: Path) -> None:
+    assert main(["encode", "photo.png", "-o", "out.safetensors"]) == 0
+    assert main(["sample", "out.safetensors", "-o", "sampled.npy", "--n", "100"]) == 0
+    assert main(["encode", "photo.png", "-o", "encoded.npy", "--n", "100"]) == 0
+    assert np.load("sampled.npy").shape == (100, 3)
+    assert (here / "sampled.npy").read_bytes() == (here / "encoded.npy").read_bytes()
+
+
+def test_options_of_encode_reach_the_framing(here: Path) -> None:
+    options: list[list[str]] = [[], ["--background", "keep"], ["--foreground-ratio", "0.5"]]
+    for index, extra in enumerate(options):
+        assert main(["encode", "photo.png", "-o", f"{index}.safetensors", *extra]) == 0
+    thetas = [load((here / f"{index}.safetensors").read_bytes()).theta.tobytes() for index in range(3)]
+    assert len(set(thetas)) == 3
+
+
+def test_info_tells_what_a_weights_file_holds(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    main(["encode", "photo.png", "-o", "out.safetensors"])
+    assert main(["info", "out.safetensors"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (told["model"], told["spec"]["k"], told["size"]) == ("tiny-k2", 2, 115)
+
+
+def test_openapi_prints_the_committed_schema(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["openapi"]) == 0
+    assert capsys.readouterr().out == (Path(__file__).parents[1] / "openapi.json").read_text()
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        ("encode photo.png -o out.stl", "out.stl: no format has the suffix '.stl'"),
+        ("encode photo.png -o out", "no format has the suffix ''"),
+        ("encode photo.png -o nowhere/out.ply", "No such file or directory"),
+        ("encode nothere.png -o out.ply", "nothere.png: No such file or directory"),
+        ("encode text.png -o out.ply", "no PNG, JPEG or WebP"),
+        ("encode cut.png -o out.ply", "truncated or corrupt"),
+        ("encode photo.png -o out.ply --n 0", "n: Input should be greater than or equal to 1"),
+        ("encode photo.png -o out.ply --n x", "n: Input should be a valid integer"),
+        ("encode photo.png -o out.json --n 100001", "json holds at most 100000 points"),
+        ("encode photo.png -o out.ply --seed -1", "seed: "),
+        ("encode photo.png -o out.ply --foreground-ratio 2", "foreground_ratio: "),
+        ("encode photo.png -o out.ply --threads 0", "threads: "),
+        ("encode photo.png -o out.ply --model nothere.onnx", "nothere.onnx"),
+        ("encode photo.png -o out.ply --model photo.png", "photo.png is unusable"),
+        ("sample nothere.safetensors -o out.ply", "nothere.safetensors"),
+        ("sample photo.png -o out.ply", "hof: "),
+        ("sample photo.png -o out.safetensors", "no format has the suffix"),
+        ("info photo.png", "hof: "),
+        ("serve --port 70000", "port: "),
+        ("serve --model nothere.onnx", "nothere.onnx"),
+    ],
+)
+def test_errors_are_one_line_and_leave_no_file(
+    here: Path, capsys: pytest.CaptureFixture[str], command: str, message: str
+) -> None:
+    (here / "text.png").write_text("no image")
+    (here / "cut.png").write_bytes((here / "photo.png").read_bytes()[:100])
+    before = sorted(here.iterdir())
+    assert main(command.split()) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("hof: ")
+    assert captured.err.count("\n") == 1
+    assert message in captured.err
+    assert sorted(here.iterdir()) == before
+
+
+def test_a_write_that_fails_leaves_the_old_file(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (here / "out.ply").write_text("old")
+
+    def broken(*_: object) -> object:
+        yield b"half"
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("service.cli.write", broken)
+    before = sorted(here.iterdir())
+    assert main(["encode", "photo.png", "-o", "out.ply"]) == 2
+    assert sorted(here.iterdir()) == before
+    assert (here / "out.ply").read_text() == "old"
+
+
+def test_every_setting_is_a_flag_of_serve(monkeypatch: pytest.MonkeyPatch, model_path: Path) -> None:
+    values = {
+        "host": "::1",
+        "port": 1,
+        "database_url": "sqlite:///x.db",
+        "model": model_path,
+        "max_image_bytes": 2,
+        "max_image_pixels": 3,
+        "max_weights_bytes": 4,
+        "max_points": 5,
+        "threads": 6,
+        "log_level": "debug",
+    }
+    assert values.keys() == Settings.model_fields.keys()
+    seen: list[Settings] = []
+    monkeypatch.setattr("service.app.create_app", seen.append)
+    monkeypatch.setattr(uvicorn, "run", lambda *_, **__: None)
+    flags = [part for name, value in values.items() for part in (f"--{name.replace('_', '-')}", str(value))]
+    assert main(["serve", *flags]) == 0
+    assert seen[0].model_dump() == values
+
+
+def test_serve_help_names_flags_variables_and_defaults(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="0"):
+        main(["serve", "--help"])
+    text = " ".join(capsys.readouterr().out.split())
+    assert "--max-image-bytes" in text
+    assert "default: 20971520 [HOF_MAX_IMAGE_BYTES]" in text
+
+
+def test_no_command_is_a_usage_error(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main([])
+    assert "COMMAND" in capsys.readouterr().err

@@ -1,0 +1,88 @@
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tiny_model
+
+from service.encoder import Encoder
+from service.errors import InvalidModel
+
+
+def test_a_model_describes_itself(model_path: Path) -> None:
+    encoder = Encoder.open(model_path, threads=1)
+    assert encoder.spec == tiny_model.SPEC
+    assert (encoder.framing.size, encoder.framing.foreground_ratio) == (tiny_model.SIZE, 0.85)
+    assert encoder.name == "tiny-k2"
+    assert encoder.card == tiny_model.CARD
+    assert encoder.digest == hashlib.sha256(model_path.read_bytes()).hexdigest()
+
+
+@pytest.mark.parametrize("batch", [1, 3])
+def test_encode_computes_the_network(model_path: Path, batch: int) -> None:
+    images = np.random.default_rng(0).random((batch, 3, tiny_model.SIZE, tiny_model.SIZE), np.float32)
+    theta = Encoder.open(model_path, threads=1).encode(images)
+    assert theta.shape == (batch, tiny_model.SPEC.size)
+    assert theta.dtype == np.float32
+    np.testing.assert_allclose(theta, tiny_model.theta_of(images), atol=1e-5)
+
+
+def test_a_missing_file_says_what_to_do(tmp_path: Path) -> None:
+    with pytest.raises(InvalidModel, match=r"nothere\.onnx.*HOF_MODEL"):
+        Encoder.open(tmp_path / "nothere.onnx", 1)
+
+
+@pytest.mark.parametrize("keep", [0, 100, 0.5, -1])
+def test_a_corrupt_file_is_refused(model_path: Path, tmp_path: Path, keep: float) -> None:
+    data = model_path.read_bytes()
+    cut = int(len(data) * keep) if isinstance(keep, float) else keep
+    bad = tmp_path / "bad.onnx"
+    bad.write_bytes(data[:cut])
+    with pytest.raises(InvalidModel, match=r"bad\.onnx is unusable"):
+        Encoder.open(bad, 1)
+
+
+def _with(key: str, value: object) -> dict[str, str]:
+    """The metadata with one entry replaced, or removed where the value is None."""
+    meta = {**tiny_model.metadata(), key: value if isinstance(value, str) else json.dumps(value)}
+    return {name: text for name, text in meta.items() if text != "null"}
+
+
+SPEC = json.loads(tiny_model.SPEC.to_json())
+
+
+@pytest.mark.parametrize(
+    ("meta", "message"),
+    [
+        (_with("hof.spec", None), "lacks 'hof.spec'"),
+        (_with("hof.framing", None), "lacks 'hof.framing'"),
+        (_with("hof.card", None), "lacks 'hof.card'"),
+        (_with("hof.spec", "{"), "'hof.spec' is not JSON"),
+        (_with("hof.spec", {**SPEC, "k": 0}), "k must lie"),
+        (_with("hof.spec", {**SPEC, "hidden": [17]}), "output 'theta' has shape"),
+        (_with("hof.framing", {"size": 64, "foreground_ratio": 0.85}), "input 'image' has shape"),
+        (_with("hof.framing", {"size": "32", "foreground_ratio": 0.85}), "needs a size"),
+        (_with("hof.framing", {"size": 32, "foreground_ratio": 0}), "needs a size"),
+        (_with("hof.card", {"name": ""}), "needs a name"),
+        (_with("hof.card", []), "needs a name"),
+    ],
+)
+def test_metadata_that_is_wrong_is_refused(tmp_path: Path, meta: dict[str, str], message: str) -> None:
+    with pytest.raises(InvalidModel, match=message):
+        Encoder.open(tiny_model.build(tmp_path / "m.onnx", meta=meta), 1)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"), [({"batch": 1}, "has shape"), ({"output": "weights"}, "output must be 'theta' alone")]
+)
+def test_a_graph_of_another_shape_is_refused(tmp_path: Path, wrong: dict[str, Any], message: str) -> None:
+    with pytest.raises(InvalidModel, match=message):
+        Encoder.open(tiny_model.build(tmp_path / "m.onnx", **wrong), 1)
+
+
+def test_a_theta_that_is_not_finite_never_leaves(tmp_path: Path) -> None:
+    encoder = Encoder.open(tiny_model.build(tmp_path / "m.onnx", bias=float("inf")), 1)
+    with pytest.raises(InvalidModel, match="not finite"):
+        encoder.warm_up()

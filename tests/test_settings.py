@@ -1,0 +1,70 @@
+from pathlib import Path
+
+import pytest
+from pydantic import ValidationError
+
+from service import settings as module
+from service.settings import Settings, available_cpus
+
+
+@pytest.fixture(autouse=True)
+def _no_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in Settings.model_fields:
+        monkeypatch.delenv(f"HOF_{name.upper()}", raising=False)
+
+
+def test_defaults_serve_this_machine_only_with_the_shipped_model_and_a_private_store() -> None:
+    settings = Settings()
+    assert (settings.host, settings.port) == ("127.0.0.1", 8080)
+    assert settings.model == Path(module.__file__).parents[1] / "model" / "weights" / "hof1-k2.onnx"
+    assert settings.database_url.startswith("sqlite:///")
+    assert settings.database_url.endswith("hof/hof.db")
+    assert settings.threads == available_cpus()
+
+
+def test_environment_sets_every_field(monkeypatch: pytest.MonkeyPatch) -> None:
+    values = {
+        "host": "0.0.0.0",
+        "port": 9,
+        "database_url": "sqlite:///x.db",
+        "model": Path("m.onnx"),
+        "max_image_bytes": 1,
+        "max_image_pixels": 2,
+        "max_weights_bytes": 3,
+        "max_points": 4,
+        "threads": 5,
+        "log_level": "error",
+    }
+    for name, value in values.items():
+        monkeypatch.setenv(f"HOF_{name.upper()}", str(value))
+    assert Settings().model_dump() == values
+
+
+def test_arguments_win_over_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOF_PORT", "9")
+    assert Settings(port=10).port == 10
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("port", 70_000),
+        ("max_points", 10_000_001),
+        ("max_points", 0),
+        ("threads", 0),
+        ("log_level", "loud"),
+        ("hots", 1),
+    ],
+)
+def test_bad_values_are_refused(name: str, value: object) -> None:
+    with pytest.raises(ValidationError, match=name):
+        Settings.model_validate({name: value})
+
+
+@pytest.mark.parametrize(
+    ("quota", "expected"), [("150000 100000\n", 2), ("1000 100000\n", 1), ("max 100000\n", 8), ("", 8)]
+)
+def test_cpus_are_cut_by_a_quota(monkeypatch: pytest.MonkeyPatch, quota: str, expected: int) -> None:
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: set(range(8)))
+    monkeypatch.setattr(Path, "read_text", lambda *_: quota)
+    assert available_cpus() == expected

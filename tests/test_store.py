@@ -1,0 +1,146 @@
+import asyncio
+import sqlite3
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from service.errors import InvalidParameter, NotFound
+from service.mapping import HOF_1, Array, MappingSpec, initial_theta
+from service.store import Record, Store
+
+SPEC = MappingSpec("tiny", 3, (4,), 3, k=2)
+NOW = datetime(2026, 1, 2, 3, 4, 5, 678901, UTC)
+
+
+def _record(name: str, spec: MappingSpec = SPEC) -> Record:
+    return Record(name, "encoded", "tiny-k2", spec, NOW)
+
+
+THETA = initial_theta(SPEC)
+
+
+@asynccontextmanager
+async def _open(path: Path) -> AsyncIterator[Store]:
+    store = await Store.open(f"sqlite:///{path}")
+    try:
+        yield store
+    finally:
+        await store.close()
+
+
+def test_an_object_comes_back_bit_for_bit_from_a_store_opened_again(tmp_path: Path) -> None:
+    spec = HOF_1.with_k(2)
+    theta = initial_theta(spec, 7)
+
+    async def scenario() -> tuple[Record, Array]:
+        async with _open(tmp_path / "new" / "folder" / "hof.db") as store:
+            assert await store.put(_record("a", spec), theta) == (_record("a", spec), True)
+        async with _open(tmp_path / "new" / "folder" / "hof.db") as store:
+            return await store.get("a")
+
+    record, found = asyncio.run(scenario())
+    assert record == _record("a", spec)
+    assert record.created_at.tzinfo == UTC
+    assert found.dtype == np.float32
+    np.testing.assert_array_equal(found, theta)
+
+
+def test_a_second_put_keeps_and_returns_the_first(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        async with _open(tmp_path / "hof.db") as store:
+            await store.put(_record("a"), THETA)
+            later = Record("a", "imported", "other", SPEC, datetime(2027, 1, 1, tzinfo=UTC))
+            assert await store.put(later, THETA + 1) == (_record("a"), False)
+            _, found = await store.get("a")
+            np.testing.assert_array_equal(found, THETA)
+
+    asyncio.run(scenario())
+
+
+def test_of_concurrent_puts_from_two_processes_worth_of_stores_one_is_new(tmp_path: Path) -> None:
+    async def scenario() -> list[bool]:
+        async with _open(tmp_path / "hof.db") as one, _open(tmp_path / "hof.db") as two:
+            puts = [store.put(_record("a"), THETA) for store in (one, two) for _ in range(10)]
+            return [new for _, new in await asyncio.gather(*puts)]
+
+    assert sorted(asyncio.run(scenario())) == [False] * 19 + [True]
+
+
+def test_an_acknowledged_object_is_durable(tmp_path: Path) -> None:
+    """WAL with synchronous=FULL: SQLite syncs the log before a commit returns."""
+
+    async def scenario() -> None:
+        async with _open(tmp_path / "hof.db") as store, store._engine.connect() as connection:
+            for pragma, expected in (("journal_mode", "wal"), ("synchronous", 2), ("busy_timeout", 10_000)):
+                assert (await connection.exec_driver_sql(f"PRAGMA {pragma}")).scalar() == expected
+
+    asyncio.run(scenario())
+
+
+def test_another_process_reads_what_is_acknowledged_while_the_store_is_open(tmp_path: Path) -> None:
+    async def scenario() -> list[tuple[str, int]]:
+        async with _open(tmp_path / "hof.db") as store:
+            await store.put(_record("a"), THETA)
+            other = sqlite3.connect(tmp_path / "hof.db")
+            rows = other.execute("SELECT id, length(theta) FROM objects").fetchall()
+            other.close()
+            return rows
+
+    assert asyncio.run(scenario()) == [("a", THETA.nbytes)]
+
+
+def test_unknown_ids_are_not_found(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        async with _open(tmp_path / "hof.db") as store:
+            assert await store.find("a") is None
+            with pytest.raises(NotFound):
+                await store.get("a")
+            with pytest.raises(NotFound):
+                await store.delete("a")
+
+    asyncio.run(scenario())
+
+
+def test_pages_are_newest_first_and_stable_under_inserts_and_deletes(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        async with _open(tmp_path / "hof.db") as store:
+            for name in "abcdefg":
+                await store.put(_record(name), THETA)
+            page, cursor = await store.page(3)
+            assert [record.id for record in page] == ["g", "f", "e"]
+            await store.put(_record("h"), THETA)
+            await store.delete("e")  # the last one seen
+            await store.delete("g")
+            page, cursor = await store.page(3, cursor)
+            assert [record.id for record in page] == ["d", "c", "b"]
+            page, cursor = await store.page(3, cursor)
+            assert ([record.id for record in page], cursor) == (["a"], None)
+            page, cursor = await store.page(6)
+            assert ([record.id for record in page], cursor) == (["h", "f", "d", "c", "b", "a"], None)
+
+    asyncio.run(scenario())
+
+
+def test_an_empty_store_has_an_empty_page(tmp_path: Path) -> None:
+    async def scenario() -> tuple[list[Record], str | None]:
+        async with _open(tmp_path / "hof.db") as store:
+            return await store.page(5)
+
+    assert asyncio.run(scenario()) == ([], None)
+
+
+@pytest.mark.parametrize(
+    "cursor", ["", "x", "MQ==", "LTE", "MA", "ICAx", "é", "\x00", "OTk5OTk5OTk5OTk5OTk5OTk5OTk5OQ", "2" * 60]
+)
+def test_a_cursor_that_no_page_gave_is_refused(tmp_path: Path, cursor: str) -> None:
+    async def scenario() -> None:
+        async with _open(tmp_path / "hof.db") as store:
+            await store.page(1, cursor)
+
+    with pytest.raises(InvalidParameter) as caught:
+        asyncio.run(scenario())
+    assert caught.value.field == "cursor"
