@@ -71,10 +71,10 @@ def client(server: Server) -> Iterator[httpx.Client]:
         yield client
 
 
-def encode_image(image: Image.Image, kind: str = "PNG") -> bytes:
+def image_file(image: Image.Image, kind: str = "PNG", **options: object) -> bytes:
     """The image as a file's bytes."""
     buffer = io.BytesIO()
-    image.save(buffer, kind)
+    image.save(buffer, kind, **options)
     return buffer.getvalue()
 
 
@@ -87,4 +87,4 @@ def disc(colour: str = "red", size: tuple[int, int] = (120, 90), at: tuple[int, 
 
 @pytest.fixture
 def photo() -> bytes:
-    return encode_image(disc())
+    return image_file(disc())

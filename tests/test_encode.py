@@ -12,7 +12,7 @@ import httpx
 import numpy as np
 import pytest
 import tiny_model
-from conftest import Server, disc, encode_image
+from conftest import Server, disc, image_file
 from PIL import Image
 
 from service.encoder import Encoder
@@ -97,7 +97,7 @@ def test_a_raw_body_is_judged_by_its_content_whatever_its_type_says(
 
 @pytest.mark.parametrize("kind", ["PNG", "JPEG", "WEBP"])
 def test_forms_take_every_type_of_image(client: httpx.Client, kind: str) -> None:
-    files = {"image": ("photo.bin", encode_image(disc(), kind), "application/octet-stream")}
+    files = {"image": ("photo.bin", image_file(disc(), kind), "application/octet-stream")}
     assert client.post("/encode", files=files).status_code == 201
 
 
@@ -117,10 +117,10 @@ PART = b'--xyz\r\nContent-Disposition: form-data; name="image"; filename="a"\r\n
         ("image/png", b"", 415, "image"),
         ("image/png", b"GIF89a" + bytes(100), 415, "image"),
         ("image/png", b"%PDF-1.7", 415, "image"),
-        ("image/png", encode_image(disc())[:200], 400, "image"),
+        ("image/png", image_file(disc())[:200], 400, "image"),
         ("image/png", b"\xff\xd8\xff" + bytes(100), 400, "image"),
-        ("image/png", encode_image(Image.new("RGB", (1001, 1000))), 413, "image"),
-        ("image/png", encode_image(Image.new("RGB", (64, 64), "white")), 422, "image"),
+        ("image/png", image_file(Image.new("RGB", (1001, 1000))), 413, "image"),
+        ("image/png", image_file(Image.new("RGB", (64, 64), "white")), 422, "image"),
         ("image/png", bytes(200_001), 413, None),
         (FORM, b"", 400, "image"),
         (FORM, b"nonsense", 400, "image"),
@@ -172,7 +172,7 @@ def test_bad_parameters_are_named_and_nothing_is_stored(
 
 def test_an_insisted_removal_that_cannot_be_done_is_refused(client: httpx.Client) -> None:
     noise = np.random.default_rng(0).integers(0, 255, (64, 64, 3), np.uint8)
-    photo = encode_image(Image.fromarray(noise))
+    photo = image_file(Image.fromarray(noise))
     assert client.post("/encode?background=remove", content=photo).status_code == 422
     made = client.post("/encode", content=photo)
     assert (made.status_code, made.json()["image"]["mask"]) == (201, "none")

@@ -7,7 +7,7 @@ from datetime import UTC, datetime, timedelta
 import httpx
 import numpy as np
 import pytest
-from conftest import disc, encode_image, running
+from conftest import disc, image_file, running
 from safetensors.numpy import load as load_safetensors
 
 from service.formats.weights import Weights, dump, load
@@ -22,7 +22,7 @@ def _weights(seed: int = 0) -> bytes:
 
 
 def _encode(client: httpx.Client, *colours: str) -> list[str]:
-    return [client.post("/encode", content=encode_image(disc(colour))).json()["id"] for colour in colours]
+    return [client.post("/encode", content=image_file(disc(colour))).json()["id"] for colour in colours]
 
 
 def test_an_object_tells_what_it_is(client: httpx.Client) -> None:
