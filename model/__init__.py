@@ -1,0 +1,1 @@
+"""Training side: data, networks, losses, evaluation and export. Needs the extra `train`."""

@@ -1,0 +1,61 @@
+"""Everything that decides a training run; a checkpoint stores the config that made it."""
+
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+from service.images import Framing
+from service.mapping import HOF_1, MappingSpec
+
+
+@dataclass(frozen=True)
+class EncoderConfig:
+    """The image encoder g_phi (paper, appendix: Network Architecture and Training).
+
+    rank : width of a bottleneck with LayerNorm before the layer that outputs theta; 0 is the paper's
+        full-rank layer (a 50 MB file for HOF-1, trainable and exportable).
+    """
+
+    feature_maps: tuple[int, ...] = (16, 32, 64)
+    convolutions: int = 4  # per dense block
+    fully_connected: tuple[int, ...] = (1024, 1024, 1024)
+    rank: int = 256
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """One training run.
+
+    points, target_points : predicted and true points per object in the loss.
+    minutes : budget; the learning rate falls to 0 over it along a cosine.
+    """
+
+    spec: MappingSpec = field(default_factory=lambda: HOF_1.with_k(2))
+    encoder: EncoderConfig = field(default_factory=EncoderConfig)
+    framing: Framing = field(default_factory=Framing)
+    seed: int = 0
+    batch: int = 32
+    points: int = 768
+    target_points: int = 1_500
+    learning_rate: float = 7e-4
+    weight_decay: float = 1e-2
+    gradient_clip: float = 1.0
+    projection: float = 0.0  # lambda of the projection regularisation (paper, eq. 6)
+    minutes: float = 70.0
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain JSON-able values; inverse of `from_dict`."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, fields: dict[str, Any]) -> "TrainConfig":
+        """The config of a checkpoint."""
+        encoder = {**fields["encoder"]}
+        for key in ("feature_maps", "fully_connected"):
+            encoder[key] = tuple(encoder[key])
+        spec = {**fields["spec"], "hidden": list(fields["spec"]["hidden"])}
+        return replace(
+            cls(**fields),
+            spec=MappingSpec.from_dict(spec),
+            encoder=EncoderConfig(**encoder),
+            framing=Framing(**fields["framing"]),
+        )

@@ -1,0 +1,1 @@
+"""From meshes to training examples: sources, renderer, deduplication, split, batches."""

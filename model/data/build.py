@@ -1,0 +1,80 @@
+"""Build a data set: render every mesh, drop duplicates, split, write the manifest."""
+
+import hashlib
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from tqdm import tqdm
+
+from model.data.dedupe import duplicates
+from model.data.manifest import Entry, Manifest, assign_splits
+from model.data.meshes import MeshRecord
+from model.data.render import render
+from model.data.workers import run_isolated
+
+OBJECTS: Final = "objects"
+
+
+@dataclass(frozen=True)
+class RenderJob:
+    """One mesh to render into `target`, an .npz with the fields of `render.Rendered`."""
+
+    record: MeshRecord
+    target: Path
+    seed: int
+
+
+def build(records: Iterable[MeshRecord], out: Path, seed: int, processes: int) -> Manifest:
+    """Render what is not rendered yet, then write `out/manifest.json` and return it.
+
+    A mesh that cannot be read or crashes its worker is reported in `failures` and left out. Running it
+    again goes on where it stopped.
+    """
+    (out / OBJECTS).mkdir(parents=True, exist_ok=True)
+    jobs = [RenderJob(record, out / object_file(record.id), seed) for record in records]
+    missing = [job for job in jobs if not job.target.exists()]
+    failures: dict[str, str] = {}
+    outcomes = run_isolated(render_to_file, missing, processes)
+    for outcome in tqdm(outcomes, total=len(missing), desc="render", unit="mesh"):
+        if outcome.failure:
+            failures[outcome.job.record.id] = outcome.failure
+            tqdm.write(f"skipped {outcome.job.record.id}: {outcome.failure}")
+    done = {job.record.id: job for job in jobs if job.target.exists()}
+    clouds = {id_: np.load(job.target)["points"] for id_, job in tqdm(done.items(), desc="read", unit="object")}
+    repeats = duplicates(clouds)
+    splits = assign_splits([id_ for id_ in done if id_ not in repeats], seed)
+    entries = tuple(
+        Entry(
+            id=id_,
+            name=record.name,
+            source=record.source,
+            category=record.category,
+            creator=record.creator,
+            licence=record.licence,
+            mesh_sha256=hashlib.sha256(record.path.read_bytes()).hexdigest(),
+            file=object_file(id_),
+            split=splits[id_],
+        )
+        for id_, record in sorted((id_, done[id_].record) for id_ in splits)
+    )
+    manifest = Manifest(seed, entries, repeats, failures)
+    manifest.write(out / "manifest.json")
+    return manifest
+
+
+def object_file(id_: str) -> str:
+    """Where an object's arrays lie, relative to the data set's folder."""
+    return f"{OBJECTS}/{id_.replace('/', '__')}.npz"
+
+
+def render_to_file(job: RenderJob) -> None:
+    """Render one mesh and put the file in place, whole or not at all (runs in a worker process)."""
+    rendered = render(job.record, job.seed)
+    temporary = job.target.with_suffix(".tmp")
+    with temporary.open("wb") as file:
+        np.savez_compressed(file, **vars(rendered))
+    os.replace(temporary, job.target)

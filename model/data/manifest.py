@@ -1,0 +1,79 @@
+"""The manifest: which objects the data set holds, where each comes from, and in which split it is."""
+
+import json
+import os
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+Split = Literal["train", "val", "test"]
+SPLITS: Final[tuple[Split, ...]] = ("train", "val", "test")
+SHARES: Final = (0.8, 0.1, 0.1)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One object. `mesh_sha256` is of the mesh file; `file` is relative to the data set's folder."""
+
+    id: str
+    name: str
+    source: str
+    category: str
+    creator: str
+    licence: str
+    mesh_sha256: str
+    file: str
+    split: Split
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """A data set: its objects by split order, what was left out and why, and the seed of it all."""
+
+    seed: int
+    entries: tuple[Entry, ...]
+    duplicates: dict[str, str]  # id left out -> id kept
+    failures: dict[str, str]  # id -> why its mesh could not be used
+
+    def of(self, split: Split) -> Iterator[Entry]:
+        """The split's objects in manifest order."""
+        return (entry for entry in self.entries if entry.split == split)
+
+    def write(self, path: Path) -> None:
+        """Write as JSON, whole or not at all."""
+        temporary = path.with_suffix(".tmp")
+        temporary.write_text(json.dumps(asdict(self), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        os.replace(temporary, path)
+
+    @classmethod
+    def read(cls, folder: Path) -> "Manifest":
+        """The manifest of a data set's folder.
+
+        Raises
+        ------
+        FileNotFoundError : `hof-model data build` has not finished there.
+        """
+        path = folder / "manifest.json"
+        if not path.is_file():
+            raise FileNotFoundError(f"{path} is missing: run `hof-model data build --out {folder}` first")
+        fields = json.loads(path.read_text(encoding="utf-8"))
+        return cls(**{**fields, "entries": tuple(Entry(**entry) for entry in fields["entries"])})
+
+
+def assign_splits(ids: list[str], seed: int) -> dict[str, Split]:
+    """Split ids 80/10/10 at random, by seed: independent of the order of `ids`."""
+    shuffled: npt.NDArray[np.str_] = np.random.default_rng(seed).permutation(sorted(ids))
+    held = {split: round(share * len(ids)) for split, share in zip(SPLITS, SHARES, strict=True)}
+    splits = {}
+    for position, id_ in enumerate(shuffled.tolist()):
+        held_out: Split = "train"
+        if position < held["val"]:
+            held_out = "val"
+        elif position < held["val"] + held["test"]:
+            held_out = "test"
+        splits[id_] = held_out
+    return splits

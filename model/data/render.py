@@ -1,0 +1,117 @@
+"""24 views of a mesh, off screen: RGBA with textures and lights, one worker per process."""
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+import pyvista
+import trimesh
+from PIL import Image
+
+from model.data.meshes import MeshRecord, load_parts
+from model.data.surface import material_colour, material_image, sample_surface
+
+VIEWS: Final = 24
+SIZE: Final = 128  # pixels
+SUPERSAMPLING: Final = 2
+POINTS: Final = 10_000
+ELEVATION_DEG: Final = (15.0, 35.0)
+DISTANCE: Final = 3.0  # camera to object centre, in longest sides: about a 20 degree lens
+FILL: Final = 0.94  # of the frame, by the object's larger half-extent
+MIN_OPACITY: Final = 0.35  # glass stays visible
+
+Floats = npt.NDArray[np.float32]
+Bytes = npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Rendered:
+    """What the data set keeps of a mesh.
+
+    views : (VIEWS, SIZE, SIZE, 4) uint8 RGBA, alpha is the mask.
+    cameras : (VIEWS, 2) float32, azimuth and elevation in degrees; azimuth 0 looks at the front.
+    points : (POINTS, 3) float32, object frame.
+    colours : (POINTS, 3) uint8 RGB.
+    """
+
+    views: Bytes
+    cameras: Floats
+    points: Floats
+    colours: Bytes
+
+
+def render(record: MeshRecord, seed: int) -> Rendered:
+    """Views and surface points of a record's mesh; the same seed and record give the same cameras.
+
+    Raises
+    ------
+    ValueError : the mesh is empty, flat to a point, or cannot be read.
+    """
+    rng = np.random.default_rng([seed, *record.id.encode()])
+    parts = load_parts(record)
+    points, colours = sample_surface(parts, POINTS, rng)
+    cameras = np.stack([np.arange(VIEWS) * (360 / VIEWS), rng.uniform(*ELEVATION_DEG, VIEWS)], axis=1)
+    plotter = _stage(parts)
+    try:
+        views = np.stack([_shoot(plotter, camera, points, rng) for camera in cameras])
+    finally:
+        plotter.close()
+    return Rendered(views, cameras.astype(np.float32), points, colours)
+
+
+def _stage(parts: list[trimesh.Trimesh]) -> pyvista.Plotter:
+    side = SIZE * SUPERSAMPLING
+    plotter = pyvista.Plotter(off_screen=True, window_size=[side, side], lighting="none")
+    plotter.set_background("black")  # so that what comes back is colour times alpha
+    for part in parts:
+        colour, opacity = material_colour(part)
+        surface = pyvista.PolyData.from_regular_faces(np.asarray(part.vertices), np.asarray(part.faces))
+        surface.point_data.active_normals = np.asarray(part.vertex_normals)
+        image = material_image(part)
+        if image is not None:
+            surface.active_texture_coordinates = np.asarray(part.visual.uv)
+        plotter.add_mesh(
+            surface,
+            color=None if image is not None else colour.tolist(),
+            texture=None if image is None else pyvista.Texture(np.asarray(image)),
+            opacity=max(opacity, MIN_OPACITY),
+            ambient=0.3,
+            diffuse=0.75,
+            specular=0.1,
+            interpolation="Phong",
+        )
+    return plotter
+
+
+def _shoot(plotter: pyvista.Plotter, camera: npt.NDArray[np.float64], points: Floats, rng: np.random.Generator) -> Bytes:
+    """One view, (SIZE, SIZE, 4) uint8, unpremultiplied."""
+    toward, right, up = camera_axes(*camera)
+    depth = DISTANCE - points @ toward
+    half = max(np.abs(points @ right / depth).max(), np.abs(points @ up / depth).max()) / FILL
+    plotter.camera_position = [tuple(DISTANCE * toward), (0, 0, 0), (0, 1, 0)]
+    plotter.camera.view_angle = 2 * math.degrees(math.atan(half))
+    plotter.reset_camera_clipping_range()
+    _light(plotter, toward, right, up, rng)
+    plotter.render()  # screenshot() alone would return the frame before
+    shot = plotter.screenshot(transparent_background=True, return_img=True)
+    premultiplied = Image.frombytes("RGBa", shot.shape[1::-1], np.ascontiguousarray(shot).tobytes())
+    small = premultiplied.resize((SIZE, SIZE), Image.Resampling.BOX)
+    return np.asarray(small.convert("RGBA"))
+
+
+def camera_axes(azimuth: float, elevation: float) -> tuple[Floats, Floats, Floats]:
+    """Unit vectors, object frame: from the object to the camera, the camera's right, its up (degrees in)."""
+    a, e = math.radians(azimuth), math.radians(elevation)
+    toward = np.array([math.sin(a) * math.cos(e), math.sin(e), math.cos(a) * math.cos(e)], np.float32)
+    right = np.array([math.cos(a), 0, -math.sin(a)], np.float32)
+    return toward, right, np.cross(toward, right)
+
+
+def _light(plotter: pyvista.Plotter, toward: Floats, right: Floats, up: Floats, rng: np.random.Generator) -> None:
+    """A dim light at the camera, and a key light from a random place above and beside it."""
+    plotter.remove_all_lights()
+    key = toward + rng.uniform(-1.2, 1.2) * right + rng.uniform(0.2, 1.5) * up
+    for direction, intensity in ((toward, 0.4), (key, rng.uniform(0.5, 0.8))):
+        plotter.add_light(pyvista.Light(position=tuple(10 * direction), focal_point=(0, 0, 0), intensity=intensity))

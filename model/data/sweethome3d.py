@@ -1,0 +1,104 @@
+"""Sweet Home 3D's furniture libraries: 820 textured OBJ models under CC-BY 3.0 and CC0.
+
+They come from Debian's package `sweethome3d-furniture`, whose five `.sh3f` files are zips with a
+catalogue (`PluginFurnitureCatalog.properties`) and the models. Nothing is installed: the package is
+downloaded and unpacked.
+"""
+
+import re
+import shutil
+import subprocess
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+from model.data.meshes import MeshRecord
+
+PACKAGE: Final = "sweethome3d-furniture"
+CATALOGUE: Final = "PluginFurnitureCatalog.properties"
+_ENTRY: Final = re.compile(r"(\w+)#(\d+)\s*[=:]\s*(.*)")
+_ESCAPE: Final = re.compile(r"\\u([0-9a-fA-F]{4})|\\(.)")
+
+
+def sh3f_files(source: Path | None, work: Path) -> list[Path]:
+    """The `.sh3f` files of a folder, of a `.deb`, or (source None) of Debian's package.
+
+    Parameters
+    ----------
+    source : a folder that holds `.sh3f` files, one `.sh3f`, or a downloaded `.deb`.
+    work : where the package is downloaded and unpacked.
+
+    Raises
+    ------
+    FileNotFoundError : there is none, or the tools to get them are missing.
+    """
+    if source is None or source.suffix == ".deb":
+        source = _unpack(source or _download(work), work)
+    found = sorted(source.rglob("*.sh3f")) if source.is_dir() else [source]
+    if not found or not all(path.is_file() for path in found):
+        raise FileNotFoundError(f"no .sh3f file in {source}")
+    return found
+
+
+def sh3f_records(sh3f: Path, work: Path) -> Iterator[MeshRecord]:
+    """Unpack one library below `work` and yield its models with the catalogue's metadata."""
+    root = work / sh3f.stem
+    with zipfile.ZipFile(sh3f) as library:
+        if not (root / ".complete").exists():
+            library.extractall(root)
+            (root / ".complete").touch()
+        general, entries = parse_catalogue(library.read(CATALOGUE).decode("latin-1"))
+    licence = " ".join(general.get("license", "unknown").split())
+    for entry in entries:
+        model = entry["model"].lstrip("/")
+        rotation = entry.get("modelRotation", "1 0 0 0 1 0 0 0 1")
+        yield MeshRecord(
+            id=f"{sh3f.stem}/{Path(model).stem}",
+            path=root / model,
+            source=sh3f.stem,
+            name=entry["name"],
+            category=entry.get("category", "unknown"),
+            creator=entry.get("creator", general.get("name", "unknown")),
+            licence=licence,
+            rotation=tuple(float(number) for number in rotation.split()),
+        )
+
+
+def parse_catalogue(text: str) -> tuple[dict[str, str], list[dict[str, str]]]:
+    """A Java properties file with numbered keys -> the library's fields, the models in order."""
+    general: dict[str, str] = {}
+    entries: dict[int, dict[str, str]] = {}
+    for line in text.splitlines():
+        if line.startswith(("#", "!")):
+            continue
+        value = _ESCAPE.sub(lambda hit: chr(int(hit[1], 16)) if hit[1] else hit[2], line)
+        if match := _ENTRY.match(value):
+            entries.setdefault(int(match[2]), {})[match[1]] = match[3].strip()
+        elif "=" in value:
+            key, _, rest = value.partition("=")
+            general[key.strip()] = rest.strip()
+    return general, [entries[number] for number in sorted(entries) if "model" in entries[number]]
+
+
+def _download(work: Path) -> Path:
+    work.mkdir(parents=True, exist_ok=True)
+    if found := sorted(work.glob(f"{PACKAGE}_*.deb")):
+        return found[0]
+    _run(["apt-get", "download", PACKAGE], work)
+    return sorted(work.glob(f"{PACKAGE}_*.deb"))[0]
+
+
+def _unpack(deb: Path, work: Path) -> Path:
+    target = work / "deb"
+    if not any(target.rglob("*.sh3f")):
+        _run(["dpkg-deb", "-x", str(deb.resolve()), str(target.resolve())], work)
+    return target
+
+
+def _run(command: list[str], folder: Path) -> None:
+    if shutil.which(command[0]) is None:
+        raise FileNotFoundError(f"{command[0]} is missing: pass a folder of .sh3f files or the .deb instead")
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)  # noqa: S603
+    if done.returncode:
+        raise FileNotFoundError(f"`{' '.join(command)}` failed (is the package list fresh?): {done.stderr.strip()}")

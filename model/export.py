@@ -1,0 +1,120 @@
+"""A checkpoint -> one ONNX file that says what it is: spec, framing, card; small and checked.
+
+Matrices are stored as float16 and computed in float32, so the shipped file is half the size; the torch
+encoder gets the same rounded numbers before the two are compared.
+"""
+
+import io
+import json
+import os
+import warnings
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import onnx
+import torch
+from onnx import helper, numpy_helper
+
+from model.config import TrainConfig
+from model.networks import ImageEncoder, power
+from service import mapping
+from service.encoder import Encoder
+from service.sampler import canonical_points, sample
+
+OPSET: Final = 17
+TOLERANCE: Final = 1e-4  # on theta and points, absolute
+MAX_BYTES: Final = 20_000_000
+PARITY_IMAGES: Final = 8
+PARITY_POINTS: Final = 2_000
+
+
+def export(encoder: ImageEncoder, config: TrainConfig, card: dict[str, Any], output: Path) -> dict[str, float]:
+    """Write `output` whole or not at all; returns the largest differences that `parity` found.
+
+    Parameters
+    ----------
+    card : the model card; `name` is required by the service.
+
+    Raises
+    ------
+    ValueError : torch, onnxruntime and NumPy disagree by more than TOLERANCE.
+    """
+    _round_matrices(encoder)
+    graph = _halve(_to_onnx(encoder, config.framing.size))
+    metadata = {"hof.spec": config.spec.to_json(), "hof.framing": asdict(config.framing), "hof.card": card}
+    for key, value in metadata.items():
+        entry = graph.metadata_props.add()
+        entry.key, entry.value = key, value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+    data = graph.SerializeToString()
+    differences = parity(encoder, config, Encoder(data, threads=1))
+    if max(differences.values()) > TOLERANCE:
+        raise ValueError(f"torch, onnxruntime and NumPy disagree: {differences}, the limit is {TOLERANCE}")
+    output.parent.mkdir(parents=True, exist_ok=True)
+    temporary = output.with_suffix(".tmp")
+    temporary.write_bytes(data)
+    os.replace(temporary, output)
+    return differences
+
+
+@torch.no_grad()
+def parity(encoder: ImageEncoder, config: TrainConfig, exported: Encoder, seed: int = 0) -> dict[str, float]:
+    """Largest differences, over random images, of theta (torch and onnxruntime) and of points (torch,
+    the NumPy reference, the service's sampler)."""
+    spec = config.spec
+    rng = np.random.default_rng(seed)
+    images = rng.random((PARITY_IMAGES, 3, config.framing.size, config.framing.size), np.float32)
+    theta = encoder(torch.from_numpy(images))
+    theta_ort = exported.encode(images)
+    canonical = canonical_points(spec.domain, PARITY_POINTS, seed)
+    points = power(spec, theta, torch.from_numpy(canonical).expand(PARITY_IMAGES, -1, -1)).numpy()
+    reference = np.stack([mapping.power(spec, row, canonical) for row in theta_ort])
+    sampled = np.stack([np.concatenate(list(sample(spec, [row] * spec.k, PARITY_POINTS, seed=seed))) for row in theta_ort])
+    return {
+        "theta: torch - onnxruntime": float(np.abs(theta.numpy() - theta_ort).max()),
+        "points: torch - NumPy": float(np.abs(points - reference).max()),
+        "points: torch - sampler": float(np.abs(points - sampled).max()),
+    }
+
+
+@torch.no_grad()
+def _round_matrices(encoder: ImageEncoder) -> None:
+    """Round every matrix and kernel to what float16 can hold; vectors keep float32."""
+    for parameter in encoder.parameters():
+        if parameter.dim() > 1:
+            parameter.copy_(parameter.half().float())
+
+
+def _to_onnx(encoder: ImageEncoder, size: int) -> onnx.ModelProto:
+    buffer = io.BytesIO()
+    with warnings.catch_warnings():
+        # torch's newer exporter needs a further package and gives this graph no better file
+        warnings.simplefilter("ignore", DeprecationWarning)
+        torch.onnx.export(
+            encoder.eval(),
+            (torch.zeros(1, 3, size, size),),
+            buffer,
+            input_names=["image"],
+            output_names=["theta"],
+            dynamic_axes={"image": {0: "batch"}, "theta": {0: "batch"}},
+            opset_version=OPSET,
+            dynamo=False,
+        )
+    return onnx.load_from_string(buffer.getvalue())
+
+
+def _halve(graph: onnx.ModelProto) -> onnx.ModelProto:
+    """Store matrices as float16, each behind a cast to float32 that onnxruntime folds at start."""
+    casts = []
+    for initializer in graph.graph.initializer:
+        if initializer.data_type != onnx.TensorProto.FLOAT or len(initializer.dims) < 2:
+            continue
+        name = initializer.name
+        half = numpy_helper.from_array(numpy_helper.to_array(initializer).astype(np.float16), f"{name}.float16")
+        initializer.CopyFrom(half)
+        casts.append(helper.make_node("Cast", [half.name], [name], to=onnx.TensorProto.FLOAT))
+    for cast in reversed(casts):
+        graph.graph.node.insert(0, cast)
+    onnx.checker.check_model(graph)
+    return graph
