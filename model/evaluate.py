@@ -70,7 +70,7 @@ def evaluate(encoder: Encoder, data: Path, split: Split, seed: int = 0) -> list[
 
     The mean shape is POINTS drawn from all training objects' points together.
     """
-    training = [entry for entry in Manifest.read(data).of("train")]
+    training = list(Manifest.read(data).of("train"))
     rng = np.random.default_rng(seed)
     pool = _pool(data, training, rng)
     methods: dict[str, Callable[[Case], list[Floats]]] = {

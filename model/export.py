@@ -4,9 +4,9 @@ Matrices are stored as float16 and computed in float32, so the shipped file is h
 encoder gets the same rounded numbers before the two are compared.
 """
 
-import io
 import json
 import os
+import tempfile
 import warnings
 from dataclasses import asdict
 from pathlib import Path
@@ -25,7 +25,6 @@ from service.sampler import canonical_points, sample
 
 OPSET: Final = 17
 TOLERANCE: Final = 1e-4  # on theta and points, absolute
-MAX_BYTES: Final = 20_000_000
 PARITY_IMAGES: Final = 8
 PARITY_POINTS: Final = 2_000
 
@@ -70,7 +69,9 @@ def parity(encoder: ImageEncoder, config: TrainConfig, exported: Encoder, seed: 
     canonical = canonical_points(spec.domain, PARITY_POINTS, seed)
     points = power(spec, theta, torch.from_numpy(canonical).expand(PARITY_IMAGES, -1, -1)).numpy()
     reference = np.stack([mapping.power(spec, row, canonical) for row in theta_ort])
-    sampled = np.stack([np.concatenate(list(sample(spec, [row] * spec.k, PARITY_POINTS, seed=seed))) for row in theta_ort])
+    sampled = np.stack(
+        [np.concatenate(list(sample(spec, [row] * spec.k, PARITY_POINTS, seed=seed))) for row in theta_ort]
+    )
     return {
         "theta: torch - onnxruntime": float(np.abs(theta.numpy() - theta_ort).max()),
         "points: torch - NumPy": float(np.abs(points - reference).max()),
@@ -87,21 +88,21 @@ def _round_matrices(encoder: ImageEncoder) -> None:
 
 
 def _to_onnx(encoder: ImageEncoder, size: int) -> onnx.ModelProto:
-    buffer = io.BytesIO()
-    with warnings.catch_warnings():
+    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         # torch's newer exporter needs a further package and gives this graph no better file
         warnings.simplefilter("ignore", DeprecationWarning)
+        path = Path(folder) / "encoder.onnx"
         torch.onnx.export(
             encoder.eval(),
             (torch.zeros(1, 3, size, size),),
-            buffer,
+            path,
             input_names=["image"],
             output_names=["theta"],
             dynamic_axes={"image": {0: "batch"}, "theta": {0: "batch"}},
             opset_version=OPSET,
             dynamo=False,
         )
-    return onnx.load_from_string(buffer.getvalue())
+        return onnx.load(path)
 
 
 def _halve(graph: onnx.ModelProto) -> onnx.ModelProto:

@@ -100,13 +100,14 @@ class ThetaHead(nn.Module):
 
 def power(spec: MappingSpec, theta: Tensor, x: Tensor) -> Tensor:
     """f_theta^k(x) for a batch (paper, eq. 4): (b, size), (b, n, input_dim) -> (b, n, 3)."""
-    layers = split_theta(spec, theta)
+    *hidden, (w_last, b_last) = split_theta(spec, theta)
+    folded = [torch.cat([w, b.unsqueeze(2)], dim=2).transpose(1, 2) for w, b in hidden]  # bias as one more input
+    ones = x.new_ones(1, 1, 1).expand(x.shape[0], x.shape[1], 1)
     for _ in range(spec.k):
-        for w, b in layers[:-1]:
-            x = torch.baddbmm(b.unsqueeze(1), x, w.transpose(1, 2))  # (b, n, out)
-            x = torch.relu(x) if spec.activation == "relu" else torch.tanh(x)
-        w, b = layers[-1]
-        x = torch.baddbmm(b.unsqueeze(1), x, w.transpose(1, 2))
+        for w in folded:
+            x = torch.bmm(torch.cat([x, ones], dim=2), w)  # (b, n, out)
+            x = x.relu_() if spec.activation == "relu" else x.tanh_()
+        x = torch.baddbmm(b_last.unsqueeze(1), x, w_last.transpose(1, 2))
     return x
 
 

@@ -14,6 +14,7 @@ from tqdm import tqdm
 from model.config import TrainConfig
 from model.data.dataset import Batch, Examples, draw_batch, load_examples, plain_images
 from model.losses import chamfer, projection
+from model.memory import keep_freed_memory
 from model.networks import ImageEncoder, power
 
 CHECKPOINT_EVERY_S: Final = 600.0
@@ -33,6 +34,7 @@ def train(data: Path, run: Path, config: TrainConfig) -> Path:
     FileNotFoundError : `data` holds no finished data set.
     """
     run.mkdir(parents=True, exist_ok=True)
+    keep_freed_memory()
     state = _State.resume(run) if (run / "last.pt").exists() else _State.start(config)
     examples = load_examples(data, "train", state.config.framing)
     validation = load_examples(data, "val", state.config.framing)

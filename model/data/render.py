@@ -85,7 +85,9 @@ def _stage(parts: list[trimesh.Trimesh]) -> pyvista.Plotter:
     return plotter
 
 
-def _shoot(plotter: pyvista.Plotter, camera: npt.NDArray[np.float64], points: Floats, rng: np.random.Generator) -> Bytes:
+def _shoot(
+    plotter: pyvista.Plotter, camera: npt.NDArray[np.float64], points: Floats, rng: np.random.Generator
+) -> Bytes:
     """One view, (SIZE, SIZE, 4) uint8, unpremultiplied."""
     toward, right, up = camera_axes(*camera)
     depth = DISTANCE - points @ toward

@@ -1,0 +1,85 @@
+"""The model card: what a weights file says of itself, and the page made from it."""
+
+from typing import Any
+
+from model.config import TrainConfig
+from model.data.manifest import SPLITS, Manifest
+from model.evaluate import Evaluation
+from model.metrics import NAMES, interval
+from model.provenance import provenance
+
+LIMITS = (
+    "Trained on renders of about 600 pieces of furniture, household things, vehicles, plants and people seen from "
+    "15 to 35 degrees above, on plain grounds: other things, other viewpoints and cluttered photos give rough shapes.",
+    "The object frame has the front at +Z; from a view of the back the model must guess which way that is.",
+    "Thin parts (chair legs, lamp stems) come out thicker or thinner than they are, and unseen sides are guesses.",
+    "Geometry only: no colour. Scale is not known from a photo: the longest side is 1 unless you pass `scale`.",
+)
+
+
+def make_card(name: str, config: TrainConfig, run: dict[str, Any], manifest: Manifest) -> dict[str, Any]:
+    """The card of a trained encoder, before its figures.
+
+    Parameters
+    ----------
+    run : `step` and `elapsed_s` of the checkpoint.
+    """
+    sizes = {split: sum(1 for _ in manifest.of(split)) for split in SPLITS}
+    licences = sorted({f"{entry.source}: {entry.licence}" for entry in manifest.entries})
+    return {
+        "name": name,
+        "version": "1",
+        "license": "Apache-2.0; trained on CC-BY and CC0 meshes, attribution in NOTICE",
+        "method": "Higher-Order Function networks (Mitchell, Engin, Isler, Lee; ICLR 2020)",
+        "data": {"objects": sizes, "seed": manifest.seed, "licences": licences},
+        "training": {
+            "minutes": round(run["elapsed_s"] / 60, 1),
+            "steps": run["step"],
+            "config": config.to_dict(),
+            **provenance(config.seed),
+        },
+        "limits": list(LIMITS),
+    }
+
+
+def figures(evaluations: list[Evaluation]) -> dict[str, dict[str, list[float]]]:
+    """method -> metric -> [mean, low, high], the 95% bootstrap interval over objects."""
+    return {
+        found.method: {name: [round(value, 4) for value in interval(found.column(name))] for name in NAMES}
+        for found in evaluations
+    }
+
+
+def page(card: dict[str, Any], parameters: int, bytes_: int) -> str:
+    """The card as a Markdown page."""
+    training, data = card["training"], card["data"]
+    shown = "\n".join(
+        f"| {method} | " + " | ".join(f"{values[name][0]:.3f}" for name in NAMES) + " |"
+        for method, values in card["figures"].items()
+    )
+    return f"""# Model card: {card["name"]}
+
+Written by `hof-model export` from the file's own metadata. `GET /model` serves the same.
+
+- **What**: one RGB image of an object -> theta, the {training["config"]["spec"]["name"]} mapping function of
+  {parameters:,} numbers, to be applied k = {training["config"]["spec"]["k"]} times. {card["method"]}.
+- **File**: `{card["name"]}.onnx`, {bytes_:,} bytes; matrices stored as float16, computed in float32.
+- **Licence**: {card["license"]}.
+- **Data**: {data["objects"]["train"]} training, {data["objects"]["val"]} validation and {data["objects"]["test"]} test
+  objects, split by object after removing duplicates, 24 renders each. Sources: {"; ".join(data["licences"])}.
+- **Training**: {training["minutes"]} minutes, {training["steps"]:,} steps, seed {training["seed"]}, on
+  {training["machine"]}, {training["date"]}, commit {training["commit"]}.
+
+## Figures on the test split
+
+Mean over objects; distances x100 of the longest side; 10,000 predicted against 10,000 true points, 4 of 24 views.
+Intervals and pictures: `RESULTS.md` at the top of the project.
+
+| method | {" | ".join(NAMES)} |
+|---|{"---|" * len(NAMES)}
+{shown}
+
+## Limits
+
+{chr(10).join(f"- {limit}" for limit in card["limits"])}
+"""
