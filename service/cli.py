@@ -1,6 +1,7 @@
 """The `hof` command: serve, and the same encoding and sampling without a server."""
 
 import argparse
+import asyncio
 import json
 import os
 import sys
@@ -21,6 +22,7 @@ from service.images import Background, preprocess
 from service.points import check_size, cloud
 from service.schemas import EncodeQuery, PointsQuery
 from service.settings import POINTS_CEILING, Settings
+from service.store import Store
 
 FAILED: Final = 2
 
@@ -120,9 +122,16 @@ def _serve(arguments: argparse.Namespace) -> None:
     from service.app import create_app
 
     settings = _settings(arguments)
-    Encoder.open(settings.model, settings.threads)  # a bad model ends here in one line, not in a server's traceback
+    # What the server could not start with ends here in one line, not in its traceback.
+    Encoder.open(settings.model, settings.threads)
+    asyncio.run(_check_store(settings.database_url))
     app = create_app(settings)
     uvicorn.run(app, host=settings.host, port=settings.port, log_level=settings.log_level, lifespan="on", ws="none")
+
+
+async def _check_store(url: str) -> None:
+    store = await Store.open(url)
+    await store.close()
 
 
 def _encode(arguments: argparse.Namespace) -> None:

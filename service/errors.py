@@ -12,7 +12,8 @@
     │   ├── NoObjectFound            nothing to encode in the image
     │   └── InvalidSpec              a mapping spec that describes no function
     ├── NotReady                503  the encoder is still loading
-    └── InvalidModel            500  the model file is unusable: refused at start
+    ├── InvalidModel            500  the model file is unusable: refused at start
+    └── UnusableStore           500  the database cannot be opened: refused at start
 
 This module imports nothing of ours, so that every layer may raise from it.
 """
@@ -107,3 +108,9 @@ class InvalidModel(HofError):
     """A model file that the service refuses to start with."""
 
     title = "Invalid model"
+
+
+class UnusableStore(HofError):
+    """A database that the service cannot open."""
+
+    title = "Unusable store"

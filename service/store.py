@@ -27,11 +27,11 @@ from sqlalchemy import (
 )
 from sqlalchemy.engine import URL
 from sqlalchemy.engine.interfaces import DBAPIConnection
-from sqlalchemy.exc import IntegrityError
+from sqlalchemy.exc import ArgumentError, IntegrityError
 from sqlalchemy.ext.asyncio import AsyncEngine, create_async_engine
 from sqlalchemy.schema import CreateTable
 
-from service.errors import InvalidParameter, NotFound
+from service.errors import InvalidParameter, NotFound, UnusableStore
 from service.mapping import Array, MappingSpec
 
 Kind = Literal["encoded", "imported"]
@@ -80,13 +80,21 @@ class Store:
 
     @classmethod
     async def open(cls, url: str) -> "Store":
-        """Connect to `sqlite:///PATH` or `postgresql://...`; make the file and the table where missing."""
-        parsed = make_url(url)
-        parsed = parsed.set(drivername=ASYNC_DRIVERS.get(parsed.drivername, parsed.drivername))
-        engine = _engine(parsed)
-        async with engine.begin() as connection:
-            await connection.execute(CreateTable(objects, if_not_exists=True))
-        return cls(engine)
+        """Connect to `sqlite:///PATH` or `postgresql://...`; make the file and the table where missing.
+
+        Raises
+        ------
+        UnusableStore : the URL is none, its driver is missing, or the database does not answer or refuses.
+        """
+        try:
+            parsed = make_url(url)
+        except ArgumentError as error:
+            raise UnusableStore("the database URL is none: sqlite:///PATH or postgresql://... is expected") from error
+        try:
+            return cls(await _engine_with_table(parsed))
+        except Exception as error:  # each driver has classes of its own
+            shown = parsed.render_as_string(hide_password=True)
+            raise UnusableStore(f"cannot open the database {shown}: {_first_line(error)}") from error
 
     async def close(self) -> None:
         """Close all connections."""
@@ -158,6 +166,23 @@ class Store:
             result = await connection.execute(objects.delete().where(objects.c.id == object_id))
         if result.rowcount == 0:
             raise NotFound("there is no object of this id")
+
+
+async def _engine_with_table(url: URL) -> AsyncEngine:
+    engine = _engine(url.set(drivername=ASYNC_DRIVERS.get(url.drivername, url.drivername)))
+    try:
+        async with engine.begin() as connection:
+            await connection.execute(CreateTable(objects, if_not_exists=True))
+    except BaseException:
+        await engine.dispose()
+        raise
+    return engine
+
+
+def _first_line(error: Exception) -> str:
+    """What a driver says, without the pages that SQLAlchemy adds."""
+    cause = getattr(error, "orig", None) or error
+    return next(iter(str(cause).splitlines()), type(cause).__name__)
 
 
 def _engine(url: URL) -> AsyncEngine:

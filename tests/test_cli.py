@@ -84,6 +84,11 @@ def test_openapi_prints_the_committed_schema(capsys: pytest.CaptureFixture[str])
         ("info photo.png", "hof: "),
         ("serve --port 70000", "port: "),
         ("serve --model nothere.onnx", "nothere.onnx"),
+        ("serve --database-url nonsense", "the database URL is none"),
+        ("serve --database-url nosuch://user:secret@db/x", "cannot open the database nosuch://user:***@db/x"),
+        ("serve --database-url sqlite:///photo.png", "cannot open the database sqlite:///photo.png: file is not"),
+        ("serve --database-url sqlite:///photo.png/hof.db", "cannot open the database sqlite:///photo.png/hof.db"),
+        ("serve --database-url postgresql://u:secret@127.0.0.1:1/x", "cannot open the database postgresql://u:***@"),
     ],
 )
 def test_errors_are_one_line_and_leave_no_file(
@@ -98,6 +103,7 @@ def test_errors_are_one_line_and_leave_no_file(
     assert captured.err.startswith("hof: ")
     assert captured.err.count("\n") == 1
     assert message in captured.err
+    assert "secret" not in captured.err
     assert sorted(here.iterdir()) == before
 
 
@@ -115,11 +121,11 @@ def test_a_write_that_fails_leaves_the_old_file(here: Path, monkeypatch: pytest.
     assert (here / "out.ply").read_text() == "old"
 
 
-def test_every_setting_is_a_flag_of_serve(monkeypatch: pytest.MonkeyPatch, model_path: Path) -> None:
+def test_every_setting_is_a_flag_of_serve(monkeypatch: pytest.MonkeyPatch, model_path: Path, tmp_path: Path) -> None:
     values = {
         "host": "::1",
         "port": 1,
-        "database_url": "sqlite:///x.db",
+        "database_url": f"sqlite:///{tmp_path / 'x.db'}",
         "model": model_path,
         "max_image_bytes": 2,
         "max_image_pixels": 3,
