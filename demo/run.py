@@ -1,0 +1,129 @@
+"""The demo: start `hof serve`, send it the pictures of this folder, fetch points, draw both side by side.
+
+Needs what the service needs and nothing more; the standard library talks HTTP.
+"""
+
+import argparse
+import json
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image
+
+from service.picture import draw
+
+Floats = npt.NDArray[np.float32]
+Bytes = npt.NDArray[np.uint8]
+
+HERE: Final = Path(__file__).resolve().parent
+PICTURES: Final = (".png", ".jpg")
+POINTS: Final = 20_000
+START_TIMEOUT_S: Final = 60
+REQUEST_TIMEOUT_S: Final = 60
+SIDE: Final = 480  # pixels of a cell of the picture
+SUPERSAMPLING: Final = 2
+
+
+def main() -> int:
+    """Run the demo. Returns the exit status; what went wrong is one line on stderr."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("out/demo"), help="folder to write; default: out/demo")
+    out = parser.parse_args().out
+    photos = sorted(path for path in HERE.iterdir() if path.suffix in PICTURES and path.stem != "demo")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        with serving() as address:
+            rows = [row(photo, lift(photo, address, out)) for photo in photos]
+    except urllib.error.HTTPError as error:
+        return fail(f"{error.url} answered {error.code}: {error.read().decode(errors='replace')}")
+    except (OSError, RuntimeError) as error:
+        return fail(str(error))
+    Image.fromarray(np.concatenate(rows)).save(out / "demo.png", optimize=True)
+    print(f"{out / 'demo.png'}: each photo beside {POINTS} points of its object")
+    return 0
+
+
+def fail(message: str) -> int:
+    """Say what went wrong; the exit status."""
+    print(f"demo: {message}", file=sys.stderr)
+    return 1
+
+
+@contextmanager
+def serving() -> Iterator[str]:
+    """`hof serve` on a free port with an empty store: its address, once it is ready, until the block ends."""
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port = str(probe.getsockname()[1])
+    with tempfile.TemporaryDirectory() as folder:
+        environment = {**os.environ, "HOF_DATABASE_URL": f"sqlite:///{folder}/hof.db", "HOF_LOG_LEVEL": "warning"}
+        hof = str(Path(sys.executable).with_name("hof"))  # of the environment that runs this
+        server = subprocess.Popen([hof, "serve", "--host", "127.0.0.1", "--port", port], env=environment)  # noqa: S603
+        try:
+            wait_until_ready(server, f"http://127.0.0.1:{port}")
+            yield f"http://127.0.0.1:{port}"
+        finally:
+            server.terminate()
+            server.wait()
+
+
+def wait_until_ready(server: subprocess.Popen[bytes], address: str) -> None:
+    """Ask /health/ready until it answers 200. Raises RuntimeError where it never will."""
+    deadline = time.monotonic() + START_TIMEOUT_S
+    while time.monotonic() < deadline:
+        if server.poll() is not None:
+            raise RuntimeError(f"hof serve ended with status {server.returncode}")
+        try:
+            request(f"{address}/health/ready")
+        except OSError:  # refused, or 503: still starting
+            time.sleep(0.1)
+        else:
+            return
+    raise RuntimeError(f"hof serve was not ready after {START_TIMEOUT_S} s")
+
+
+def request(url: str, body: bytes | None = None) -> bytes:
+    """GET, or POST where there is a body; the answer's body. Raises HTTPError for 4xx and 5xx."""
+    asked = urllib.request.Request(url, body, {"Content-Type": "application/octet-stream"})  # noqa: S310
+    with urllib.request.urlopen(asked, timeout=REQUEST_TIMEOUT_S) as answer:  # noqa: S310
+        data: bytes = answer.read()
+    return data
+
+
+def lift(photo: Path, address: str, out: Path) -> Floats:
+    """Encode a photo over HTTP, write its points as PLY and GLB, and return them, (n, 3)."""
+    stored = json.loads(request(f"{address}/encode", photo.read_bytes()))
+    files = {}
+    for kind in ("ply", "glb"):
+        path = out / f"{photo.stem}.{kind}"
+        files[kind] = request(f"{address}{stored['links']['points']}?n={POINTS}&format={kind}")
+        path.write_bytes(files[kind])
+        print(f"{path}: {POINTS} points of {photo.name}, {len(files[kind])} bytes")
+    _, _, body = files["ply"].partition(b"end_header\n")
+    return np.frombuffer(body, "<f4").reshape(-1, 3)
+
+
+def row(photo: Path, points: Floats) -> Bytes:
+    """A photo and its points side by side, (SIDE, 2 * SIDE, 3)."""
+    cell = Image.new("RGBA", (SIDE, SIDE), "white")
+    picture = Image.open(photo).convert("RGBA")
+    scale = 0.9 * SIDE / max(picture.size)
+    picture = picture.resize((round(picture.width * scale), round(picture.height * scale)))
+    cell.alpha_composite(picture, ((SIDE - picture.width) // 2, (SIDE - picture.height) // 2))
+    drawn = Image.fromarray(draw(points, SIDE * SUPERSAMPLING)).reduce(SUPERSAMPLING)
+    return np.concatenate([np.asarray(cell.convert("RGB")), np.asarray(drawn)], axis=1)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
