@@ -1,0 +1,28 @@
+# The service and its model; no torch. Build: docker build -t hof .
+# Run: docker run -p 8080:8080 -v hof:/data hof
+
+FROM python:3.11-slim AS build
+WORKDIR /src
+RUN python -m venv /opt/hof
+COPY pyproject.toml README.md LICENSE NOTICE ./
+COPY service service
+COPY model model
+RUN pip wheel --no-cache-dir --no-deps --wheel-dir /wheels . \
+    && /opt/hof/bin/pip install --no-cache-dir "hof[postgres] @ file://$(ls /wheels/hof-*.whl)"
+
+FROM python:3.11-slim
+COPY --from=build /opt/hof /opt/hof
+RUN useradd --system --uid 10001 --no-create-home hof && install --directory --owner=hof /data
+USER 10001
+VOLUME /data
+EXPOSE 8080
+# The sampler's tiles are too small for BLAS threads: they would only wait for each other.
+ENV PATH=/opt/hof/bin:$PATH \
+    PYTHONUNBUFFERED=1 \
+    OPENBLAS_NUM_THREADS=1 \
+    HOF_HOST=0.0.0.0 \
+    HOF_DATABASE_URL=sqlite:////data/hof.db
+HEALTHCHECK --interval=10s --timeout=3s --start-period=30s \
+    CMD ["python", "-c", "import os, urllib.request as r; r.urlopen(f\"http://127.0.0.1:{os.environ.get('HOF_PORT', 8080)}/health/ready\", timeout=2)"]
+ENTRYPOINT ["hof"]
+CMD ["serve"]

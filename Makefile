@@ -1,0 +1,62 @@
+# make help tells what there is. Everything is installed into .venv; stamps make a second run quick.
+
+PYTHON ?= python3.11
+TORCH ?= torch==2.13.0
+BIN := .venv/bin
+GLTF := tests/gltf/node_modules/.package-lock.json
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.PHONY: help demo serve test lint bench results openapi clean
+
+help: ## list the targets
+	@sed -n 's/^\([a-z]*\):.*## \(.*\)/\1\t\2/p' $(MAKEFILE_LIST) | expand -t 10
+
+demo: .venv/service.stamp ## photos to points over HTTP; writes out/demo
+	$(BIN)/python demo/run.py --out out/demo
+
+serve: .venv/service.stamp ## the service on 127.0.0.1:8080; settings by HOF_* variables
+	$(BIN)/hof serve
+
+test: .venv/dev.stamp .venv/system.stamp $(GLTF) ## all tests
+	$(BIN)/pytest
+
+lint: .venv/dev.stamp ## ruff and mypy
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+
+bench: .venv/service.stamp ## measure the sampler; writes benchmarks/RESULTS.md
+	$(BIN)/python benchmarks/sampler.py
+
+results: .venv/dev.stamp .venv/system.stamp ## build the data set and print the test split's figures: RESULTS.md
+	$(BIN)/hof-model data build
+	$(BIN)/hof-model results
+
+openapi: .venv/service.stamp ## write openapi.json as the service serves it
+	$(BIN)/hof openapi > openapi.json.part
+	mv openapi.json.part openapi.json
+
+clean: ## remove what was installed, cached and written; data sets and runs stay
+	rm -rf .venv tests/gltf/node_modules out build *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+
+.venv/bin/python:
+	$(PYTHON) -m venv .venv
+
+# The service alone: no torch.
+.venv/service.stamp: pyproject.toml | .venv/bin/python
+	$(BIN)/pip install --quiet --editable .
+	@touch $@
+
+# In one call, so that pip takes this torch and no other.
+.venv/dev.stamp: pyproject.toml | .venv/bin/python
+	$(BIN)/pip install --quiet --editable '.[dev,train]' '$(TORCH)'
+	@touch $@ .venv/service.stamp
+
+.venv/system.stamp: tests/system.sh | .venv/bin/python
+	bash tests/system.sh
+	@touch $@
+
+$(GLTF): tests/gltf/package-lock.json .venv/system.stamp
+	npm ci --prefix tests/gltf --no-audit --no-fund
+	@touch $@

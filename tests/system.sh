@@ -1,0 +1,32 @@
+#!/usr/bin/env bash
+# What the tests need beyond Python: Node for the Khronos glTF validator, OpenGL without a screen for the
+# renderer, curl for the README's lines. Installs Debian's packages where it may; else names what is missing.
+set -euo pipefail
+
+missing=()
+for tool in node npm curl; do
+    command -v "$tool" >/dev/null || missing+=("${tool/node/nodejs}")
+done
+if [ "$(uname)" = Linux ]; then
+    libraries=$(PATH="$PATH:/sbin:/usr/sbin" ldconfig -p)
+    while read -r library package; do
+        case $libraries in *"$library"*) ;; *) missing+=("$package") ;; esac
+    done <<'PAIRS'
+libEGL.so.1 libegl1
+libGL.so.1 libgl1
+libXrender.so.1 libxrender1
+PAIRS
+    compgen -G '/usr/lib*/dri/*_dri.so' >/dev/null || compgen -G '/usr/lib/*/dri/*_dri.so' >/dev/null ||
+        missing+=(libgl1-mesa-dri)
+fi
+[ ${#missing[@]} -eq 0 ] && exit 0
+
+sudo=()
+[ "$(id -u)" = 0 ] || sudo=(sudo -n)
+if ! command -v apt-get >/dev/null || ! "${sudo[@]}" true 2>/dev/null; then
+    echo "the tests need what these Debian packages hold; install them, then run again: ${missing[*]}" >&2
+    exit 1
+fi
+export DEBIAN_FRONTEND=noninteractive
+"${sudo[@]}" apt-get update -qq
+"${sudo[@]}" apt-get install -y -qq --no-install-recommends "${missing[@]}"
