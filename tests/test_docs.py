@@ -1,0 +1,115 @@
+"""The README says what is: its settings, targets, links and commands are held against the code, its curl lines run."""
+
+import re
+import shlex
+import shutil
+import subprocess
+from pathlib import Path
+
+import httpx
+import pytest
+from conftest import Server
+
+from model.cli import _parser as model_parser
+from service import cli
+from service.settings import Settings
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text("utf-8")
+CURL_TIMEOUT_S = 30
+
+
+def _commands(program: str) -> list[str]:
+    """The lines of the README's shell blocks that run a program."""
+    blocks = re.findall(r"^```sh\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
+    lines = [line for block in blocks for line in block.splitlines() if line.split()[0] == program]
+    assert lines
+    return lines
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A working folder that holds the photo of the README's lines."""
+    folder = tmp_path / "here"
+    folder.mkdir()
+    shutil.copy(ROOT / "demo" / "coffee.jpg", folder / "photo.jpg")
+    monkeypatch.chdir(folder)
+    return folder
+
+
+def _setting_row(name: str) -> str:
+    """What the README's table must say of a setting."""
+    field = Settings.model_fields[name]
+    what, _, told = str(field.description).partition("; default: ")
+    value = field.default
+    if isinstance(value, Path):
+        value = value.relative_to(ROOT)
+    default = told if field.default_factory else f"`{value}`"
+    return f"| `--{name.replace('_', '-')}` | `HOF_{name.upper()}` | {default} | {what} |"
+
+
+def test_the_table_of_settings_is_that_of_the_code() -> None:
+    rows = [line for line in README.splitlines() if line.startswith("| `--")]
+    assert rows == [_setting_row(name) for name in Settings.model_fields]
+
+
+def test_every_make_target_that_is_named_exists() -> None:
+    documents = [README, (ROOT / ".ci" / "run").read_text(), (ROOT / "CHANGELOG.md").read_text()]
+    named = {target for text in documents for target in re.findall(r"(?:^|`|run )make ([a-z]+)", text, re.MULTILINE)}
+    targets = set(re.findall(r"^([a-z]+):.*## ", (ROOT / "Makefile").read_text(), re.MULTILINE))
+    assert {"demo", "serve", "test", "results", "bench", "lint"} <= named
+    assert named <= targets
+
+
+def test_every_file_that_is_linked_exists() -> None:
+    linked = re.findall(r"\]\(([^):]+)\)", README)
+    assert linked
+    assert [link for link in linked if not (ROOT / link).is_file()] == []
+
+
+def test_every_file_of_the_layout_exists() -> None:
+    folders = re.findall(r"^\| `(\w+/)`", README, re.MULTILINE)
+    assert folders
+    assert [folder for folder in folders if not (ROOT / folder).is_dir()] == []
+
+
+def test_the_hof_lines_work(here: Path, model_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOF_MODEL", str(model_path))
+    for line in _commands("hof"):
+        assert cli.main(shlex.split(line, comments=True)[1:]) == 0, line
+    written = {path.name for path in here.iterdir()}
+    assert written == {"photo.jpg", "object.glb", "object.safetensors", "object.ply"}
+
+
+def test_the_hof_model_lines_parse() -> None:
+    for line in _commands("hof-model"):
+        try:
+            arguments = model_parser().parse_args(shlex.split(line, comments=True)[1:])
+        except SystemExit:
+            pytest.fail(f"hof-model does not take the README's line {line!r}")
+        assert callable(arguments.run)
+
+
+def test_the_curl_lines_work(here: Path, server: Server, client: httpx.Client) -> None:
+    bash, curl = shutil.which("bash"), shutil.which("curl")
+    assert bash, "the README's lines need bash"
+    assert curl, "the README's lines need curl"
+    (here / ".curlrc").write_text("fail-with-body\nsilent\nshow-error\n")
+    stored = client.post("/encode", files={"image": (here / "photo.jpg").read_bytes()}).json()
+    lines = _commands("curl")
+    for line in lines:
+        run = subprocess.run(
+            [bash, "-c", line.replace("localhost:8080", f"127.0.0.1:{server.port}")],
+            env={"PATH": str(Path(curl).parent), "CURL_HOME": str(here), "ID": stored["id"]},
+            capture_output=True,
+            timeout=CURL_TIMEOUT_S,
+            check=False,
+        )
+        assert run.returncode == 0, (line, run.stdout, run.stderr)
+        if line.endswith("/encode"):
+            assert f'"id":"{stored["id"]}"'.encode() in run.stdout
+    points = client.get(stored["links"]["points"], params={"n": 100_000})
+    assert len(lines) == 5
+    assert (here / "object.ply").read_bytes() == points.content
+    assert (here / "object.glb").read_bytes()[:4] == b"glTF"
+    assert {item["kind"] for item in client.get("/objects").json()["items"]} == {"encoded", "imported"}
