@@ -16,7 +16,7 @@ RUN useradd --system --uid 10001 --no-create-home hof && install --directory --o
 USER 10001
 VOLUME /data
 EXPOSE 8080
-# The sampler's tiles are too small for BLAS threads: they would only wait for each other.
+# The service has worker threads of its own; BLAS's would compete with them.
 ENV PATH=/opt/hof/bin:$PATH \
     PYTHONUNBUFFERED=1 \
     OPENBLAS_NUM_THREADS=1 \

@@ -27,9 +27,9 @@ lint: .venv/dev.stamp ## ruff and mypy
 	$(BIN)/mypy
 
 bench: .venv/service.stamp ## measure the sampler; writes benchmarks/RESULTS.md
-	$(BIN)/python benchmarks/sampler.py
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/sampler.py
 
-results: .venv/dev.stamp .venv/system.stamp ## build the data set and print the test split's figures: RESULTS.md
+results: .venv/dev.stamp .venv/system.stamp ## build the data set, evaluate the shipped model: RESULTS.md
 	$(BIN)/hof-model data build
 	$(BIN)/hof-model results
 
