@@ -91,6 +91,7 @@ def _download(work: Path) -> Path:
 
 def _unpack(deb: Path, work: Path) -> Path:
     target = work / "deb"
+    target.mkdir(parents=True, exist_ok=True)
     if not any(target.rglob("*.sh3f")):
         _run(["dpkg-deb", "-x", str(deb.resolve()), str(target.resolve())], work)
     return target

@@ -1,0 +1,172 @@
+"""Rendering, isolation of workers, deduplication, splits, and the data set that they make."""
+
+import os
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+from shapes import SHAPES, write_folder
+
+from model.data.build import build
+from model.data.dedupe import duplicates
+from model.data.manifest import Manifest, assign_splits
+from model.data.meshes import MeshRecord, folder_records
+from model.data.preview import preview
+from model.data.render import SIZE, VIEWS, camera_axes, render
+from model.data.surface import sample_surface
+from model.data.workers import run_isolated
+
+
+@pytest.fixture
+def half_red_box(tmp_path: Path) -> MeshRecord:
+    """A box, its +X half red, its -X half blue, by an OBJ material file."""
+    (tmp_path / "box.mtl").write_text("newmtl red\nKd 1 0 0\nnewmtl blue\nKd 0 0 1\n")
+    lines, count = ["mtllib box.mtl"], 0
+    for material, shift in (("red", 0.5), ("blue", -0.5)):
+        box = trimesh.creation.box(extents=(1, 1, 1))
+        box.apply_translation((shift, 0, 0))
+        lines += [f"v {x} {y} {z}" for x, y, z in box.vertices] + [f"usemtl {material}"]
+        lines += [f"f {a + count + 1} {b + count + 1} {c + count + 1}" for a, b, c in box.faces]
+        count += len(box.vertices)
+    path = tmp_path / "box.obj"
+    path.write_text("\n".join(lines))
+    return MeshRecord("t/box", path, "t", "box", "c", "x", "CC0")
+
+
+def test_views_show_the_right_side_in_the_right_colour(half_red_box: MeshRecord) -> None:
+    rendered = render(half_red_box, seed=0)
+    assert rendered.views.shape == (VIEWS, SIZE, SIZE, 4)
+    assert rendered.cameras[:, 0] == pytest.approx(np.arange(VIEWS) * 15)
+    alpha = rendered.views[..., 3]
+    assert (alpha.max(axis=(1, 2)) == 255).all()
+    assert (alpha[:, 0, :] == 0).all()  # the object never touches the edge
+    front, right, back = (rendered.views[index].astype(int) for index in (0, 6, 12))
+    assert _redder(front[:, SIZE // 2 + 8 :]) > 0.9  # from the front, +X is on the right
+    assert _redder(front[:, : SIZE // 2 - 8]) < 0.1
+    assert _redder(back[:, : SIZE // 2 - 8]) > 0.9
+    assert _redder(right[SIZE // 2 :]) > 0.9  # azimuth 90 looks at +X; above its face the top is seen
+
+
+def test_views_differ_and_repeat_by_seed(half_red_box: MeshRecord) -> None:
+    first, again, other = (render(half_red_box, seed) for seed in (0, 0, 1))
+    assert (first.views == again.views).all()
+    assert (first.points == again.points).all()
+    assert (first.cameras[:, 1] != other.cameras[:, 1]).all()
+    assert (first.views[0] != first.views[3]).any()
+
+
+def test_surface_points_lie_on_the_surface_with_its_colours(half_red_box: MeshRecord) -> None:
+    rendered = render(half_red_box, seed=0)
+    x = rendered.points[:, 0]
+    assert np.abs(rendered.points).max(axis=0) == pytest.approx([0.5, 0.25, 0.25], abs=1e-6)
+    red = rendered.colours[:, 0] > 128
+    assert (red[x > 0.01]).all()
+    assert not red[x < -0.01].any()
+
+
+def test_surface_sampling_follows_area() -> None:
+    big, small = trimesh.creation.box(extents=(1, 1, 1)), trimesh.creation.box(extents=(0.5, 0.5, 0.5))
+    small.apply_translation((3, 0, 0))
+    points, _ = sample_surface([big, small], 20_000, np.random.default_rng(0))
+    assert (points[:, 0] > 2).mean() == pytest.approx(0.2, abs=0.01)
+
+
+def test_a_texture_colours_the_points(tmp_path: Path) -> None:
+    texture = Image.new("RGB", (2, 2), (0, 0, 255))
+    texture.paste((255, 0, 0), (0, 0, 1, 2))  # the left half is red
+    quad = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]], process=False)
+    quad.visual = trimesh.visual.TextureVisuals(uv=[[0, 0], [1, 0], [1, 1], [0, 1]], image=texture)
+    points, colours = sample_surface([quad], 500, np.random.default_rng(0))
+    assert ((colours[:, 0] > 128) == (points[:, 0] < 0.5)).all()
+
+
+def test_camera_axes_are_a_right_handed_frame() -> None:
+    toward, right, up = camera_axes(0, 0)
+    assert toward.tolist() == [0, 0, 1]
+    assert right.tolist() == [1, 0, 0]
+    assert up.tolist() == [0, 1, 0]
+    toward, right, up = camera_axes(77, 31)
+    assert np.stack([right, up, toward]) @ np.stack([right, up, toward]).T == pytest.approx(np.eye(3), abs=1e-6)
+
+
+def _work(job: int) -> None:
+    if job == 1:
+        os.kill(os.getpid(), signal.SIGSEGV)  # what VTK did
+    if job == 2:
+        raise ValueError("bad mesh")
+    if job == 3:
+        time.sleep(60)
+
+
+def test_a_crash_an_error_and_a_hang_cost_one_job_each() -> None:
+    outcomes = {outcome.job: outcome.failure for outcome in run_isolated(_work, range(8), processes=2, timeout_s=8)}
+    assert len(outcomes) == 8
+    assert outcomes[1] == "the worker process crashed"
+    assert outcomes[2] == "ValueError: bad mesh"
+    assert outcomes[3] == "took longer than 8 s"
+    assert [job for job, failure in outcomes.items() if failure] == sorted((1, 2, 3), key=list(outcomes).index)
+
+
+def test_duplicates_are_found_turned_and_mirrored_but_not_look_alikes() -> None:
+    rng = np.random.default_rng(0)
+    shape = trimesh.util.concatenate(
+        [
+            trimesh.creation.box(extents=(1, 0.2, 0.6)),
+            trimesh.creation.box(
+                extents=(0.2, 0.5, 0.1), transform=trimesh.transformations.translation_matrix([0.3, 0.3, 0.1])
+            ),
+        ]
+    )
+    other = trimesh.creation.box(extents=(1, 0.2, 0.6))
+
+    def cloud(mesh: trimesh.Trimesh) -> np.ndarray:
+        return sample_surface([mesh], 10_000, rng)[0]
+
+    turned = cloud(shape)[:, [2, 1, 0]] * np.array([1, 1, -1], np.float32)
+    mirrored = cloud(shape) * np.array([-1, 1, 1], np.float32)
+    clouds = {"a": cloud(shape), "b": turned, "c": mirrored, "d": cloud(other), "e": cloud(shape)}
+    assert duplicates(clouds) == {"b": "a", "c": "a", "e": "a"}
+
+
+def test_splits_are_disjoint_seeded_and_of_the_right_sizes() -> None:
+    ids = [f"object {index}" for index in range(200)]
+    splits = assign_splits(ids, seed=3)
+    sizes = {split: list(splits.values()).count(split) for split in ("train", "val", "test")}
+    assert sizes == {"train": 160, "val": 20, "test": 20}
+    assert splits == assign_splits(ids[::-1], seed=3)
+    assert splits != assign_splits(ids, seed=4)
+
+
+def test_build_reports_bad_meshes_resumes_and_previews(tmp_path: Path) -> None:
+    meshes = write_folder(tmp_path / "meshes")
+    (meshes / "round" / "broken.obj").write_text("this is no mesh")
+    (meshes / "round" / "zcopy.ply").write_bytes((meshes / "boxes" / "shape01.ply").read_bytes())
+    out = tmp_path / "data"
+    manifest = build(folder_records(meshes, "CC0"), out, seed=0, processes=2)
+    assert list(manifest.failures) == ["meshes/round/broken"]
+    assert manifest.duplicates == {"meshes/round/zcopy": "meshes/boxes/shape01"}
+    assert len(manifest.entries) == SHAPES
+    assert Manifest.read(out) == manifest
+    assert len({entry.mesh_sha256 for entry in manifest.entries}) == SHAPES
+    written = {path: path.stat().st_mtime_ns for path in (out / "objects").iterdir()}
+    assert build(folder_records(meshes, "CC0"), out, seed=0, processes=1) == manifest
+    assert {path: path.stat().st_mtime_ns for path in (out / "objects").iterdir()} == written
+    preview(out, tmp_path / "sheet.png", objects=3)
+    with Image.open(tmp_path / "sheet.png") as sheet:
+        assert sheet.size == (6 * 128, 3 * (128 + 14))
+        assert np.asarray(sheet.convert("L")).min() < 128
+
+
+def test_a_manifest_that_is_missing_says_what_to_run(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match="hof-model data build"):
+        Manifest.read(tmp_path)
+
+
+def _redder(pixels: np.ndarray) -> float:
+    """Share of the opaque pixels that are more red than blue."""
+    opaque = pixels[pixels[..., 3] > 250]
+    return float((opaque[:, 0] > opaque[:, 2]).mean())
