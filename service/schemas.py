@@ -16,7 +16,7 @@ from service.sampler import SCALES
 from service.settings import POINTS_CEILING
 from service.store import Kind, Record
 
-PointFormatName = Literal["ply", "npy", "xyz", "json", "glb"]
+PointFormatName = Literal["ply", "npy", "xyz", "json", "glb", "gltf", "pcd", "f32", "f16"]
 
 MAX_SEED = 2**63 - 1
 

@@ -1,3 +1,4 @@
+import base64
 import io
 import json
 import struct
@@ -15,7 +16,7 @@ from service.mapping import Array
 from service.sampler import bounds, canonical_points
 
 FORMATS = list(POINT_FORMATS.values())
-BINARY = [POINT_FORMATS[name] for name in ("ply", "npy", "glb")]
+BINARY = [POINT_FORMATS[name] for name in ("ply", "npy", "glb", "gltf", "pcd", "f32", "f16")]
 TEXT = [POINT_FORMATS[name] for name in ("xyz", "json")]
 TWO = np.array([[0.5, -1, 0], [0.1, 2e-7, -123456.789]], np.float32)
 
@@ -31,11 +32,18 @@ def file_of(fmt: PointFormat, points: Array, chunk: int = 1000) -> bytes:
 def read(fmt: PointFormat, data: bytes) -> Array:
     """The points as another program reads them, (n, 3) float32."""
     match fmt.name:
-        case "ply" | "glb":
+        case "ply" | "glb" | "gltf":
             geometry = trimesh.load_scene(io.BytesIO(data), file_type=fmt.name).to_geometry()
             return np.asarray(geometry.vertices, np.float32)
         case "npy":
             return np.asarray(np.load(io.BytesIO(data), allow_pickle=False))
+        case "pcd":
+            head, _, body = data.partition(b"DATA binary\n")
+            fields = dict(line.split(b" ", 1) for line in head.splitlines())
+            assert (fields[b"FIELDS"], fields[b"SIZE"], fields[b"TYPE"]) == (b"x y z", b"4 4 4", b"F F F")
+            return np.frombuffer(body, "<f4").reshape(int(fields[b"POINTS"]), 3)
+        case "f32" | "f16":
+            return np.frombuffer(data, f"<{fmt.name[0]}{int(fmt.name[1:]) // 8}").reshape(-1, 3).astype(np.float32)
         case "xyz":
             return np.loadtxt(io.BytesIO(data), dtype=np.float32, ndmin=2)
         case "json":
@@ -44,7 +52,7 @@ def read(fmt: PointFormat, data: bytes) -> Array:
 
 
 def test_names() -> None:
-    assert list(POINT_FORMATS) == ["ply", "npy", "xyz", "json", "glb"]
+    assert list(POINT_FORMATS) == ["ply", "npy", "xyz", "json", "glb", "gltf", "pcd", "f32", "f16"]
     assert all(name == fmt.name and fmt.extension == f".{name}" for name, fmt in POINT_FORMATS.items())
 
 
@@ -90,6 +98,32 @@ def test_glb_bytes() -> None:
     np.testing.assert_array_equal(np.float32(accessor["max"]), TWO.max(axis=0))
 
 
+def test_gltf_bytes() -> None:
+    data = file_of(POINT_FORMATS["gltf"], TWO)
+    uri = json.loads(data)["buffers"][0]["uri"]
+    assert base64.b64decode(uri.removeprefix("data:application/octet-stream;base64,")) == struct.pack(
+        "<6f", *TWO.ravel()
+    )
+    glb = file_of(POINT_FORMATS["glb"], TWO)
+    document, inside = json.loads(data), json.loads(glb[20 : 20 + 1024])
+    del document["buffers"][0]["uri"]
+    assert document == inside
+
+
+def test_pcd_bytes() -> None:
+    header = (
+        b"# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
+        b"WIDTH 2\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 2\nDATA binary\n"
+    )
+    assert file_of(POINT_FORMATS["pcd"], TWO) == header + struct.pack("<6f", *TWO.ravel())
+
+
+def test_raw_bytes() -> None:
+    assert file_of(POINT_FORMATS["f32"], TWO) == struct.pack("<6f", *TWO.ravel())
+    assert file_of(POINT_FORMATS["f16"], TWO[:1]) == struct.pack("<3e", *TWO[0])
+    assert file_of(POINT_FORMATS["f16"], TWO)[-2:] == struct.pack("<e", -65504)  # saturates, never infinite
+
+
 # What every format does
 
 
@@ -98,8 +132,8 @@ def test_glb_bytes() -> None:
 def test_other_programs_read_the_points(fmt: PointFormat, n: int) -> None:
     points = canonical_points("ball", n)
     back = read(fmt, file_of(fmt, points))
-    if fmt.name == "xyz":  # six digits
-        np.testing.assert_allclose(back, points, rtol=5e-6)
+    if fmt.name in ("xyz", "f16"):  # six digits; eleven bits
+        np.testing.assert_allclose(back, points, rtol=5e-6 if fmt.name == "xyz" else 2**-11, atol=1e-7)
     else:
         np.testing.assert_array_equal(back, points)
 
@@ -147,7 +181,7 @@ def test_only_formats_with_bounds_take_two_passes(fmt: PointFormat) -> None:
 
     list(write(fmt, 2, chunks))
     assert len(passes) == (2 if fmt.needs_bounds else 1)
-    assert fmt.needs_bounds == (fmt.name == "glb")
+    assert fmt.needs_bounds == (fmt.name in ("glb", "gltf"))
 
 
 @pytest.mark.parametrize("fmt", FORMATS, ids=lambda fmt: fmt.name)
@@ -168,13 +202,14 @@ def test_limits() -> None:
     assert 2**32 - 12 <= length < 2**32  # the header holds it in 32 bits
 
 
-# GLB against the Khronos validator
+# glTF against the Khronos validator
 
 
 @pytest.mark.parametrize("n", [1, 2, 10_000])
-def test_glb_is_valid(n: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["glb", "gltf"])
+def test_gltf_is_valid(name: str, n: int, tmp_path: Path) -> None:
     points = canonical_points("ball", n, seed=5)
-    report = check_valid(file_of(POINT_FORMATS["glb"], points), tmp_path)
+    report = check_valid(file_of(POINT_FORMATS[name], points), tmp_path)
     assert report["info"]["totalVertexCount"] == n
     assert report["info"]["extensionsUsed"] == ["KHR_materials_unlit"]
 
@@ -225,6 +260,9 @@ def test_the_validator_sees_wrong_bounds(tmp_path: Path) -> None:
         ("application/json ; q=0.9 , model/gltf-binary;q=0.5", "json"),
         ("model/gltf-binary, */*;q=0.1", "glb"),
         ("*/*, model/gltf-binary", "glb"),
+        ("model/gltf+json", "gltf"),
+        ("application/x-pcd", "pcd"),
+        ("application/octet-stream", "f32"),
         ("application/json, text/plain, */*", "json"),
         ("text/plain, application/json, */*", "xyz"),
         ("model/*, model/ply;q=0", "glb"),

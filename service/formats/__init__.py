@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from service.errors import InvalidParameter, NotAcceptable
-from service.formats import gltf, json, npy, ply, xyz
+from service.formats import gltf, json, npy, pcd, ply, raw, xyz
 from service.mapping import Array
 from service.sampler import bounds as bounds_of
 
@@ -38,8 +38,8 @@ class PointFormat:
     separator: bytes = b""
 
 
-_PLY = PointFormat("ply", "model/ply", ".ply", ply.head, ply.body, length=ply.length)
-_NPY = PointFormat("npy", "application/x-npy", ".npy", npy.head, npy.body, length=npy.length)
+_PLY = PointFormat("ply", "model/ply", ".ply", ply.head, raw.float32, length=ply.length)
+_NPY = PointFormat("npy", "application/x-npy", ".npy", npy.head, raw.float32, length=npy.length)
 _XYZ = PointFormat("xyz", "text/plain", ".xyz", xyz.head, xyz.body)
 _JSON = PointFormat(
     "json",
@@ -56,13 +56,28 @@ _GLB = PointFormat(
     "model/gltf-binary",
     ".glb",
     gltf.head,
-    gltf.body,
+    raw.float32,
     length=gltf.length,
     needs_bounds=True,
     max_points=gltf.MAX_POINTS,
 )
+_GLTF = PointFormat(
+    "gltf",
+    "model/gltf+json",
+    ".gltf",
+    gltf.json_head,
+    gltf.json_body,
+    gltf.json_tail,
+    gltf.json_length,
+    needs_bounds=True,
+)
+_PCD = PointFormat("pcd", "application/x-pcd", ".pcd", pcd.head, raw.float32, length=pcd.length)
+_F32 = PointFormat("f32", "application/octet-stream", ".f32", raw.head, raw.float32, length=lambda n: 12 * n)
+_F16 = PointFormat("f16", "application/octet-stream", ".f16", raw.head, raw.float16, length=lambda n: 6 * n)
 
-POINT_FORMATS: Final[Mapping[str, PointFormat]] = {fmt.name: fmt for fmt in (_PLY, _NPY, _XYZ, _JSON, _GLB)}
+POINT_FORMATS: Final[Mapping[str, PointFormat]] = {
+    fmt.name: fmt for fmt in (_PLY, _NPY, _XYZ, _JSON, _GLB, _GLTF, _PCD, _F32, _F16)
+}
 
 
 def write(fmt: PointFormat, n: int, chunks: Callable[[], Iterator[Array]]) -> Iterator[bytes]:

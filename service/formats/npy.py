@@ -14,11 +14,6 @@ def head(n: int, bounds: tuple[Array, Array] | None = None) -> bytes:
     return buffer.getvalue()
 
 
-def body(points: Array) -> bytes:
-    """Points (m, 3) -> 12 m bytes."""
-    return points.astype("<f4", copy=False).tobytes()
-
-
 def length(n: int) -> int:
     """Bytes of the whole file."""
     return len(head(n)) + 12 * n

@@ -19,11 +19,6 @@ def head(n: int, bounds: tuple[Array, Array] | None = None) -> bytes:
     return _HEADER.format(n=n).encode("ascii")
 
 
-def body(points: Array) -> bytes:
-    """Points (m, 3) -> 12 m bytes."""
-    return points.astype("<f4", copy=False).tobytes()
-
-
 def length(n: int) -> int:
     """Bytes of the whole file."""
     return len(head(n)) + 12 * n

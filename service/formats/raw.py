@@ -1,0 +1,22 @@
+"""Bare numbers, x y z of each point after another: little-endian float32 or float16."""
+
+import numpy as np
+
+from service.mapping import Array
+
+FLOAT16_MAX = 65_504.0
+
+
+def head(n: int, bounds: tuple[Array, Array] | None = None) -> bytes:
+    """Nothing precedes the points."""
+    return b""
+
+
+def float32(points: Array) -> bytes:
+    """Points (m, 3) -> 12 m bytes."""
+    return points.astype("<f4", copy=False).tobytes()
+
+
+def float16(points: Array) -> bytes:
+    """Points (m, 3) -> 6 m bytes; what float16 cannot hold becomes its largest value, +-65,504."""
+    return np.clip(points, -FLOAT16_MAX, FLOAT16_MAX).astype("<f2").tobytes()
