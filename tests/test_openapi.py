@@ -57,7 +57,16 @@ def test_every_error_is_documented_as_a_problem(operations: dict[str, dict[str, 
 
 def test_points_are_documented_with_each_media_type(operations: dict[str, dict[str, Any]]) -> None:
     content = operations["GET /objects/{id}/points"]["responses"]["200"]["content"]
-    assert content.keys() == {"model/ply", "application/x-npy", "text/plain", "application/json", "model/gltf-binary"}
+    assert content.keys() == {
+        "model/ply",
+        "application/x-npy",
+        "text/plain",
+        "application/json",
+        "model/gltf-binary",
+        "model/gltf+json",
+        "application/x-pcd",
+        "application/octet-stream",
+    }
 
 
 def test_encode_documents_its_body(operations: dict[str, dict[str, Any]]) -> None:

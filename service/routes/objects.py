@@ -9,6 +9,7 @@ from fastapi import APIRouter, Depends, Path, Query
 from starlette.requests import Request
 from starlette.responses import Response, StreamingResponse
 
+from service.caching import CACHE_CONTROL, etag, is_fresh
 from service.errors import NotFound
 from service.formats import POINT_FORMATS, negotiate
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
@@ -22,7 +23,12 @@ from service.uploads import read_body
 
 router = APIRouter(prefix="/objects", tags=["objects"])
 BINARY: Final = {"schema": {"type": "string", "format": "binary"}}
-ATTACHMENT: Final = {"Content-Disposition": {"description": "a file name", "schema": {"type": "string"}}}
+FILE_HEADERS: Final = {
+    "Content-Disposition": {"description": "a file name", "schema": {"type": "string"}},
+    "ETag": {"description": "weak: of the object, the parameters and the version", "schema": {"type": "string"}},
+    "Cache-Control": {"description": "an object never changes", "schema": {"type": "string"}},
+}
+NOT_MODIFIED: Final[dict[int | str, dict[str, Any]]] = {304: {"description": "`If-None-Match` names this very answer"}}
 MISSING: Final[dict[int | str, dict[str, Any]]] = {404: {"model": Problem, "description": "No object of that id"}}
 PROBE_POINTS: Final = 4096  # of an imported object, at the largest scale: that it can be sampled at all
 
@@ -93,11 +99,12 @@ async def delete_object(id_: ObjectId, query: Annotated[NoQuery, Query()], runti
     "/{id}/points",
     response_class=StreamingResponse,
     responses=MISSING
+    | NOT_MODIFIED
     | {
         200: {
             "description": "The points, streamed",
             "content": {fmt.media_type: BINARY for fmt in POINT_FORMATS.values()},
-            "headers": ATTACHMENT,
+            "headers": FILE_HEADERS,
         },
         406: {"model": Problem, "description": "No format satisfies `Accept`"},
     },
@@ -110,7 +117,10 @@ async def points(request: Request, id_: ObjectId, query: Annotated[PointsQuery, 
     fmt = POINT_FORMATS[query.format] if query.format else negotiate(request.headers.get("accept"))
     check_size(fmt, query.n, runtime.settings.max_points)
     record, theta = await runtime.store.get(id_)
-    headers = _attachment(id_, fmt.extension) | {"Vary": "Accept"}
+    headers = _cached(etag(id_, fmt.name, query.n, query.seed, query.offset, query.scale)) | {"Vary": "Accept"}
+    if is_fresh(request.headers.get("if-none-match"), headers["ETag"]):
+        return Response(status_code=304, headers=headers)
+    headers |= _attachment(id_, fmt.extension)
     length = fmt.length(query.n)
     if length is not None:
         headers["Content-Length"] = str(length)
@@ -125,20 +135,28 @@ async def points(request: Request, id_: ObjectId, query: Annotated[PointsQuery, 
     "/{id}/weights",
     response_class=Response,
     responses=MISSING
+    | NOT_MODIFIED
     | {
         200: {
             "description": "theta in the chosen format",
             "content": {fmt.media_type: BINARY for fmt in WEIGHT_FORMATS.values()},
-            "headers": ATTACHMENT,
+            "headers": FILE_HEADERS,
         }
     },
 )
-async def weights(id_: ObjectId, query: Annotated[WeightsQuery, Query()], runtime: Ready) -> Response:
+async def weights(request: Request, id_: ObjectId, query: Annotated[WeightsQuery, Query()], runtime: Ready) -> Response:
     """theta and its spec: all that is needed to sample the object elsewhere."""
     record, theta = await runtime.store.get(id_)
+    headers = _cached(etag(id_, query.format))
+    if is_fresh(request.headers.get("if-none-match"), headers["ETag"]):
+        return Response(status_code=304, headers=headers)
     data = await runtime.run(dump, Weights(record.spec, theta, record.model), query.format)
     fmt = WEIGHT_FORMATS[query.format]
-    return Response(data, headers=_attachment(id_, fmt.extension), media_type=fmt.media_type)
+    return Response(data, headers=headers | _attachment(id_, fmt.extension), media_type=fmt.media_type)
+
+
+def _cached(tag: str) -> dict[str, str]:
+    return {"ETag": tag, "Cache-Control": CACHE_CONTROL}
 
 
 def _attachment(id_: str, extension: str) -> dict[str, str]:

@@ -1,0 +1,28 @@
+"""HTTP caching of what never changes: an id is a digest, so the same question has the same answer."""
+
+import hashlib
+import re
+from typing import Final
+
+from service import __version__
+
+CACHE_CONTROL: Final = "public, max-age=31536000, immutable"
+_TAG: Final = re.compile(r'(?:W/)?("[^"]*")')
+
+
+def etag(*parts: object) -> str:
+    """A weak ETag (RFC 9110, section 8.8.3) of an answer's id and parameters, and of this version.
+
+    Weak, since outputs agree between machines to rounding only.
+    """
+    text = repr((__version__, *parts))
+    return f'W/"{hashlib.sha256(text.encode()).hexdigest()[:32]}"'
+
+
+def is_fresh(if_none_match: str | None, tag: str) -> bool:
+    """Whether an If-None-Match header (section 13.1.2) names the tag, by weak comparison."""
+    if if_none_match is None:
+        return False
+    if if_none_match.strip() == "*":
+        return True
+    return tag.removeprefix("W/") in _TAG.findall(if_none_match)

@@ -1,0 +1,83 @@
+"""ETag, If-None-Match and Cache-Control over a real socket."""
+
+import httpx
+import pytest
+
+from service.caching import CACHE_CONTROL, etag, is_fresh
+from service.mapping import Array
+from service.sampler import _Tile
+
+KINDS = ["points", "weights"]
+
+
+@pytest.fixture
+def links(client: httpx.Client, photo: bytes) -> dict[str, str]:
+    links: dict[str, str] = client.post("/encode", content=photo).json()["links"]
+    return links
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_known_answer_is_304_without_a_body(client: httpx.Client, links: dict[str, str], kind: str) -> None:
+    first = client.get(links[kind])
+    assert first.headers["ETag"].startswith('W/"')
+    assert first.headers["Cache-Control"] == CACHE_CONTROL
+    again = client.get(links[kind], headers={"If-None-Match": first.headers["ETag"]})
+    assert (again.status_code, again.content) == (304, b"")
+    assert again.headers["ETag"] == first.headers["ETag"]
+    assert again.headers["Cache-Control"] == CACHE_CONTROL
+    assert client.get(links[kind], headers={"If-None-Match": '"other"'}).content == first.content
+
+
+def test_a_304_samples_nothing(client: httpx.Client, links: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
+    tag = client.get(links["points"]).headers["ETag"]
+
+    def fail(self: _Tile) -> Array:
+        raise AssertionError("a point was sampled")
+
+    monkeypatch.setattr(_Tile, "run", fail)
+    assert client.get(links["points"], headers={"If-None-Match": tag}).status_code == 304
+
+
+def test_every_parameter_has_its_own_tag(client: httpx.Client, links: dict[str, str]) -> None:
+    queries = ["", "?n=11", "?seed=1", "?offset=5", "?scale=2", "?format=npy", "?format=f32", "?format=f16"]
+    tags = {client.head(links["points"] + query).headers["ETag"] for query in queries}
+    assert len(tags) == len(queries)
+
+
+def test_the_tag_follows_the_negotiated_format(client: httpx.Client, links: dict[str, str]) -> None:
+    ply, glb = (client.head(links["points"], headers={"Accept": a}) for a in ("model/ply", "model/gltf-binary"))
+    assert ply.headers["ETag"] != glb.headers["ETag"]
+    assert ply.headers["Vary"] == "Accept"
+    assert glb.headers["ETag"] == client.head(links["points"] + "?format=glb").headers["ETag"]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_deleted_object_is_404_whatever_the_client_knows(
+    client: httpx.Client, links: dict[str, str], kind: str
+) -> None:
+    tag = client.get(links[kind]).headers["ETag"]
+    client.delete(links["self"])
+    assert client.get(links[kind], headers={"If-None-Match": tag}).status_code == 404
+
+
+@pytest.mark.parametrize(
+    ("header", "fresh"),
+    [
+        ('W/"a"', True),
+        ('"a"', True),
+        ('"b", W/"a"', True),
+        ("*", True),
+        ('"b"', False),
+        ('W/"ab"', False),
+        ("a", False),
+        ("", False),
+        (None, False),
+    ],
+)
+def test_weak_comparison(header: str | None, fresh: bool) -> None:
+    assert is_fresh(header, 'W/"a"') is fresh
+
+
+def test_a_tag_tells_its_parts_apart() -> None:
+    assert etag("a", 1) != etag("a", 2) != etag("a", "2")
+    assert etag("a", 1) == etag("a", 1)
