@@ -12,6 +12,7 @@ from conftest import Server
 
 from model.cli import _parser as model_parser
 from service import cli
+from service.formats import POINT_FORMATS
 from service.settings import Settings
 
 ROOT = Path(__file__).parents[1]
@@ -51,6 +52,12 @@ def _setting_row(name: str) -> str:
 def test_the_table_of_settings_is_that_of_the_code() -> None:
     rows = [line for line in README.splitlines() if line.startswith("| `--")]
     assert rows == [_setting_row(name) for name in Settings.model_fields]
+
+
+def test_the_formats_are_those_of_the_code() -> None:
+    told = re.search(r"^Formats: (.*?), by", README, re.MULTILINE)
+    assert told
+    assert re.findall(r"`(\w+)`", told[1]) == list(POINT_FORMATS)
 
 
 def test_every_make_target_that_is_named_exists() -> None:
