@@ -16,8 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from model.provenance import provenance
+from service.canonical import canonical_points
 from service.mapping import HOF_1, HOF_3, MappingSpec, initial_theta, power
-from service.sampler import canonical_points, sample
+from service.sampler import sample
 
 RESULTS: Final = Path(__file__).with_name("RESULTS.md")
 SPECS: Final = (HOF_1, HOF_1.with_k(2), HOF_3)

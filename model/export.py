@@ -20,8 +20,9 @@ from onnx import helper, numpy_helper
 from model.config import TrainConfig
 from model.networks import ImageEncoder, power
 from service import mapping
+from service.canonical import canonical_points
 from service.encoder import Encoder
-from service.sampler import canonical_points, sample
+from service.sampler import sample
 
 OPSET: Final = 17
 TOLERANCE: Final = 1e-4  # on theta and points, absolute

@@ -7,7 +7,6 @@ import os
 import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, Final, get_args
 
@@ -19,7 +18,7 @@ from service.errors import HofError, InvalidParameter
 from service.formats import POINT_FORMATS, PointFormat, write
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
 from service.images import Background, preprocess
-from service.points import check_size, cloud
+from service.points import check_size
 from service.schemas import EncodeQuery, PointsQuery
 from service.settings import POINTS_CEILING, Settings
 from service.store import Store
@@ -99,7 +98,7 @@ def _add_output(parser: argparse.ArgumentParser, suffixes: list[str]) -> None:
 
 
 def _add_sampling(parser: argparse.ArgumentParser) -> None:
-    for name in ("n", "seed", "scale"):
+    for name in ("n", "seed", "scale", "sampling"):
         field = PointsQuery.model_fields[name]
         parser.add_argument(
             f"--{name}", default=argparse.SUPPRESS, help=f"{field.description}; default: {field.default}"
@@ -186,8 +185,8 @@ def _points_query(arguments: argparse.Namespace) -> tuple[PointFormat, PointsQue
 
 def _write_points(arguments: argparse.Namespace, weights: Weights) -> None:
     fmt, query = _points_query(arguments)
-    chunks = partial(cloud, weights.spec, weights.theta, query.n, seed=query.seed, scale=query.scale)
-    _write(arguments.output, write(fmt, query.n, chunks))
+    cloud = query.cloud(weights.spec, weights.theta)
+    _write(arguments.output, write(fmt, cloud.n, cloud.chunks))
 
 
 def _write(path: Path, pieces: Iterable[bytes]) -> None:

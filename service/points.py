@@ -1,21 +1,78 @@
-"""A cloud of an object's points: chunk by chunk, as a file or as a stream; never all at once."""
+"""A cloud of an object's points: part by part, as a file or as a stream; never all at once."""
 
+import asyncio
+from collections import deque
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
-from dataclasses import replace
-from itertools import chain
-from typing import Any, Final
+from dataclasses import dataclass
+from typing import Any, Final, TypeVar
 
 import numpy as np
 
+from service.canonical import BLOCK, Sampling, check_range
 from service.errors import InvalidParameter
-from service.formats import PointFormat, write
+from service.formats import PointFormat
 from service.mapping import Array, MappingSpec
 from service.sampler import sample
 
-FIRST_CHUNK: Final = 4096  # points; small, so that the first byte comes soon
-CHUNK: Final = 65_536
+FIRST_PART: Final = BLOCK  # points; small, so that the first byte comes soon
+PART: Final = 16 * BLOCK
 
+Part = tuple[int, int]  # index of the first point, counted from the cloud's first; how many
 Run = Callable[..., Awaitable[Any]]
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """Which points of an object: all that decides their coordinates.
+
+    Parameters
+    ----------
+    word : the k thetas, the last one applied first; ``(theta,) * k`` for an encoded object.
+    n, seed, offset, scale, sampling : as in `sampler.sample`.
+
+    Raises
+    ------
+    InvalidParameter : n, seed or offset is out of range.
+    """
+
+    spec: MappingSpec
+    word: tuple[Array, ...]
+    n: int
+    seed: int = 0
+    offset: int = 0
+    scale: float = 1.0
+    sampling: Sampling = "uniform"
+
+    def __post_init__(self) -> None:
+        check_range(self.n, self.seed, self.offset, self.sampling)
+
+    def parts(self) -> Iterator[Part]:
+        """All points in order; parts end at multiples of BLOCK of the whole sequence: no work is done twice."""
+        start, size = 0, FIRST_PART
+        while start < self.n:
+            end = min((self.offset + start + size) // BLOCK * BLOCK - self.offset, self.n)
+            yield start, end - start
+            start, size = end, PART
+
+    def points(self, part: Part) -> Array:
+        """Points of a part, (count, 3) float32, object frame times `scale` (paper, eq. 4)."""
+        start, count = part
+        (found,) = sample(
+            self.spec,
+            self.word,
+            count,
+            seed=self.seed,
+            offset=self.offset + start,
+            scale=self.scale,
+            sampling=self.sampling,
+            chunk=count,
+        )
+        return found
+
+    def chunks(self) -> Iterator[Array]:
+        """The points of each part, one after another."""
+        return map(self.points, self.parts())
 
 
 def check_size(fmt: PointFormat, n: int, max_points: int) -> None:
@@ -26,44 +83,48 @@ def check_size(fmt: PointFormat, n: int, max_points: int) -> None:
         raise InvalidParameter(f"n is {n}, {fmt.name} holds at most {fmt.max_points} points", field="n")
 
 
-def cloud(
-    spec: MappingSpec, theta: Array, n: int, *, seed: int = 0, offset: int = 0, scale: float = 1.0
-) -> Iterator[Array]:
-    """Points of the object f^k(X) (paper, eq. 4), object frame times `scale`: (m, 3) float32 chunks, n in all."""
-    word = [theta] * spec.k
-    first = min(n, FIRST_CHUNK)
-    head = sample(spec, word, first, seed=seed, offset=offset, scale=scale)
-    if n == first:
-        return head
-    rest = sample(spec, word, n - first, seed=seed, offset=offset + first, scale=scale, chunk=CHUNK)
-    return chain(head, rest)
+async def stream(fmt: PointFormat, cloud: Cloud, run: Run, ahead: int) -> AsyncIterator[bytes]:
+    """The file of a cloud, piece by piece.
 
-
-async def stream(fmt: PointFormat, n: int, chunks: Callable[[], Iterator[Array]], run: Run) -> AsyncIterator[bytes]:
-    """A file of n points, piece by piece; `run` computes each on a worker thread.
-
-    Between two pieces the event loop sees whether the client is still there, in the first pass of a
-    format that needs bounds too. `chunks` is called twice then: memory stays flat.
+    `run` computes parts on worker threads, up to `ahead` of them at a time, so that a large cloud takes
+    several cores and memory stays flat. Where the client leaves, parts not begun are dropped. A format
+    that needs bounds is computed twice.
     """
-    if fmt.needs_bounds:
-        fmt = _with_bounds(fmt, await _bounds(chunks(), run))
-    async for piece in _each(write(fmt, n, chunks), run):
-        yield piece
+    bounds = await _bounds(cloud, run, ahead) if fmt.needs_bounds else None
+    yield fmt.head(cloud.n, bounds)
+    separator = b""
+    async for body in _in_order(lambda part: fmt.body(cloud.points(part)), cloud.parts(), run, ahead):
+        yield separator + body
+        separator = fmt.separator
+    if tail := fmt.tail(cloud.n):
+        yield tail
 
 
-async def _bounds(chunks: Iterator[Array], run: Run) -> tuple[Array, Array]:
+async def _bounds(cloud: Cloud, run: Run, ahead: int) -> tuple[Array, Array]:
+    """Smallest and largest coordinates, (3,) each."""
+
+    def extremes(part: Part) -> tuple[Array, Array]:
+        points = cloud.points(part)
+        return points.min(axis=0), points.max(axis=0)
+
     low, high = np.full(3, np.inf, np.float32), np.full(3, -np.inf, np.float32)
-    async for points in _each(chunks, run):
-        low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
+    async for part_low, part_high in _in_order(extremes, cloud.parts(), run, ahead):
+        low, high = np.minimum(low, part_low), np.maximum(high, part_high)
     return low, high
 
 
-def _with_bounds(fmt: PointFormat, bounds: tuple[Array, Array]) -> PointFormat:
-    """The format for points whose bounds are known: it needs no pass of its own."""
-    return replace(fmt, needs_bounds=False, head=lambda n, _: fmt.head(n, bounds))
-
-
-async def _each(items: Iterator[Any], run: Run) -> AsyncIterator[Any]:
-    """The items of an iterator whose `next` computes."""
-    while (item := await run(next, items, None)) is not None:
-        yield item
+async def _in_order(
+    function: Callable[[Part], Result], parts: Iterator[Part], run: Run, ahead: int
+) -> AsyncIterator[Result]:
+    """`function` of each part, in order, while up to `ahead` parts are being computed."""
+    waiting: deque[asyncio.Task[Result]] = deque()
+    try:
+        for part in parts:
+            waiting.append(asyncio.ensure_future(run(function, part)))
+            if len(waiting) >= ahead:
+                yield await waiting.popleft()
+        while waiting:
+            yield await waiting.popleft()
+    finally:
+        for task in waiting:
+            task.cancel()

@@ -9,9 +9,11 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 from pydantic.json_schema import SkipJsonSchema
 
+from service.canonical import Sampling
 from service.formats.weights import WeightFormatName
 from service.images import Background, Framed, Mask
 from service.mapping import Activation, Array, Domain, MappingSpec
+from service.points import Cloud
 from service.sampler import SCALES
 from service.settings import POINTS_CEILING
 from service.store import Kind, Record
@@ -71,9 +73,18 @@ class PointsQuery(NoQuery):
         le=SCALES[1],
         description="length of the longest side, in metres say; the object's own is 1",
     )
+    sampling: Sampling = Field(
+        default="uniform",
+        description="`uniform` draws independent points; `sobol` covers the object more evenly, for offset + n up to "
+        "2^32",
+    )
     format: PointFormatName | None = Field(
         default=None, description="file format; wins over `Accept`; PLY where neither says"
     )
+
+    def cloud(self, spec: MappingSpec, theta: Array) -> Cloud:
+        """The points of an object that are asked for. Raises InvalidParameter."""
+        return Cloud(spec, (theta,) * spec.k, self.n, self.seed, self.offset, self.scale, self.sampling)
 
 
 class WeightsQuery(NoQuery):

@@ -10,10 +10,11 @@ import pytest
 import trimesh
 from gltf_validator import check_valid, gltf_report
 
+from service.canonical import canonical_points
 from service.errors import InvalidParameter, NotAcceptable
 from service.formats import POINT_FORMATS, PointFormat, negotiate, write
 from service.mapping import Array
-from service.sampler import bounds, canonical_points
+from service.sampler import bounds
 
 FORMATS = list(POINT_FORMATS.values())
 BINARY = [POINT_FORMATS[name] for name in ("ply", "npy", "glb", "gltf", "pcd", "f32", "f16")]

@@ -20,6 +20,7 @@ RUN_TIMEOUT_S = 120
 ALLOWED = {
     "model": {
         "model",
+        "service.canonical",
         "service.encoder",
         "service.errors",
         "service.formats",
@@ -32,7 +33,8 @@ ALLOWED = {
     "service.errors": set(),
     "service.mapping": {"service.errors"},
     "service.images": {"service.errors"},
-    "service.sampler": {"service.errors", "service.mapping"},
+    "service.canonical": {"service.errors", "service.mapping"},
+    "service.sampler": {"service.canonical", "service.errors", "service.mapping"},
     "service.encoder": {"service.errors", "service.images", "service.mapping"},
     "service.formats": {"service.errors", "service.formats", "service.mapping", "service.sampler"},
     "service.picture": {"service.mapping"},

@@ -14,8 +14,8 @@ from model.losses import chamfer, nearest, projection
 from model.metrics import compare, interval
 from model.networks import HEAD_SCALE, ImageEncoder, power
 from service import mapping
+from service.canonical import canonical_points
 from service.mapping import HOF_1, HOF_3, MappingSpec
-from service.sampler import canonical_points
 
 SPECS = [
     HOF_1,

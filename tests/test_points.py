@@ -15,11 +15,11 @@ import trimesh
 from conftest import Server, running
 
 from service import points as points_module
+from service.canonical import canonical_points
 from service.formats import POINT_FORMATS
 from service.formats.weights import load
-from service.mapping import Array, power
-from service.points import CHUNK, FIRST_CHUNK
-from service.sampler import canonical_points
+from service.mapping import Array, MappingSpec, initial_theta, power
+from service.points import FIRST_PART, PART, Cloud, Part
 from service.schemas import PointFormatName, PointsQuery
 from service.settings import Settings
 
@@ -30,7 +30,7 @@ def path(client: httpx.Client, photo: bytes) -> str:
     return points
 
 
-def _npy(client: httpx.Client, path: str, **query: float) -> Array:
+def _npy(client: httpx.Client, path: str, **query: float | str) -> Array:
     answer = client.get(path, params={"format": "npy", **query})
     assert answer.status_code == 200
     array: Array = np.load(io.BytesIO(answer.content))
@@ -43,7 +43,7 @@ def test_points_are_those_of_the_mapping_function(client: httpx.Client, path: st
     np.testing.assert_allclose(_npy(client, path, n=5000, seed=7), expected, atol=1e-5)
 
 
-@pytest.mark.parametrize("n", [1, FIRST_CHUNK, FIRST_CHUNK + 1, FIRST_CHUNK + CHUNK + 777])
+@pytest.mark.parametrize("n", [1, FIRST_PART, FIRST_PART + 1, FIRST_PART + PART + 777])
 def test_any_part_of_a_cloud_is_bitwise_the_same(client: httpx.Client, path: str, n: int) -> None:
     cloud = _npy(client, path, n=100_000, seed=3)
     np.testing.assert_array_equal(_npy(client, path, n=n, seed=3), cloud[:n])
@@ -51,7 +51,7 @@ def test_any_part_of_a_cloud_is_bitwise_the_same(client: httpx.Client, path: str
 
 
 def test_every_format_holds_the_same_points(client: httpx.Client, path: str) -> None:
-    n = FIRST_CHUNK + 100
+    n = FIRST_PART + 100
     expected = _npy(client, path, n=n)
     files = {name: client.get(path, params={"format": name, "n": n}) for name in POINT_FORMATS}
     ply = trimesh.load(io.BytesIO(files["ply"].content), file_type="ply").vertices
@@ -173,17 +173,16 @@ def test_memory_does_not_grow_with_n(client: httpx.Client, path: str) -> None:
     assert peak < 12_000_000
 
 
-def _chunks_made(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Sizes of the chunks that the sampler gives from now on."""
+def _parts_made(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Sizes of the parts that are sampled from now on."""
     made: list[int] = []
-    original = points_module.cloud
+    original = Cloud.points
 
-    def counting(*args: object, **kwargs: object) -> object:
-        for chunk in original(*args, **kwargs):  # type: ignore[arg-type]
-            made.append(len(chunk))
-            yield chunk
+    def counting(self: Cloud, part: Part) -> Array:
+        made.append(part[1])
+        return original(self, part)
 
-    monkeypatch.setattr("service.routes.objects.cloud", counting)
+    monkeypatch.setattr(Cloud, "points", counting)
     return made
 
 
@@ -191,7 +190,7 @@ def _chunks_made(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 def test_a_client_that_leaves_ends_the_sampling(
     server: Server, path: str, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
-    made = _chunks_made(monkeypatch)
+    made = _parts_made(monkeypatch)
     with socket.create_connection(("127.0.0.1", server.port), timeout=30) as connection:
         connection.sendall(f"GET {path}?n=10000000&format={name} HTTP/1.1\r\nHost: x\r\n\r\n".encode())
         while not made:  # glb is in its pass for the bounds then, before a byte is sent
@@ -206,3 +205,31 @@ def test_a_client_that_leaves_ends_the_sampling(
 def test_the_names_in_the_schema_are_those_of_the_formats() -> None:
     assert get_args(PointFormatName) == tuple(POINT_FORMATS)
     assert PointsQuery(n=10_000_000).n == 10_000_000
+
+
+@pytest.mark.parametrize("offset", [0, 1, 4095, 4096, 100_001])
+@pytest.mark.parametrize("n", [1, 4096, 4097, 70_000, 200_000])
+def test_parts_cover_the_cloud_once_and_end_at_blocks(n: int, offset: int) -> None:
+    spec = MappingSpec("small", 3, (4,), 3)
+    parts = list(Cloud(spec, (initial_theta(spec),), n, offset=offset).parts())
+    ends = [start + count for start, count in parts]
+    assert [start for start, _ in parts] == [0, *ends[:-1]]
+    assert ends[-1] == n
+    assert all((offset + end) % 4096 == 0 for end in ends[:-1])
+    assert all(0 < count <= PART for _, count in parts)
+    assert parts[0][1] <= FIRST_PART
+
+
+def test_sobol_points_cover_the_object_more_evenly(client: httpx.Client, path: str) -> None:
+    uniform, sobol = _npy(client, path, n=4096), _npy(client, path, n=4096, sampling="sobol")
+    assert not np.array_equal(uniform, sobol)
+    np.testing.assert_array_equal(_npy(client, path, n=96, offset=4000, sampling="sobol"), sobol[4000:])
+    reference = _npy(client, path, n=1_000_000).mean(axis=0)
+    assert np.linalg.norm(sobol.mean(axis=0) - reference) < 0.3 * np.linalg.norm(uniform.mean(axis=0) - reference)
+
+
+def test_sobol_ends_where_its_sequence_does(client: httpx.Client, path: str) -> None:
+    assert client.get(f"{path}?sampling=sobol&n=10&offset={2**32 - 10}").status_code == 200
+    answer = client.get(f"{path}?sampling=sobol&n=11&offset={2**32 - 10}")
+    assert (answer.status_code, answer.json()["errors"][0]["field"]) == (422, "offset")
+    assert "2**32" in answer.json()["detail"]

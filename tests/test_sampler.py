@@ -10,10 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
+from scipy.stats import qmc
 
+from service.canonical import BLOCK, canonical_points
 from service.errors import CorruptWeights, InvalidParameter, InvalidSpec
 from service.mapping import DOMAIN_DIMS, HOF_1, HOF_3, Array, Domain, MappingSpec, compose, initial_theta
-from service.sampler import BLOCK, SMALL_TILES, TILE, bounds, canonical_points, sample, tile_size
+from service.sampler import SMALL_TILES, TILE, bounds, sample, tile_size
 
 Values = npt.NDArray[np.floating[Any]]
 
@@ -134,6 +136,30 @@ def test_cube_is_uniform(seed: int) -> None:
     for axis in range(3):
         uniform(points[:, axis], -1, 1)
     uncorrelated(*points.T)
+
+
+# Sobol
+
+
+def test_sobol_is_scipys_sequence_with_a_digital_shift() -> None:
+    """SciPy's is the independent implementation: the first numbers of all four lanes, as 32-bit integers."""
+    raw = (qmc.Sobol(4, scramble=False, bits=32).random(4 * BLOCK)[:, :3] * 2**32).astype(np.uint32)
+    shift = np.random.Philox(key=9).random_raw(4).astype(np.uint32)[:3]
+    expected = 2 * (((raw ^ shift) >> 8) * np.float32(2**-24)) - 1
+    np.testing.assert_array_equal(canonical_points("cube", 4 * BLOCK, 9, sampling="sobol"), expected.astype(np.float32))
+
+
+@pytest.mark.parametrize("domain", DOMAINS)
+def test_sobol_windows_are_the_same_points(domain: Domain) -> None:
+    whole = canonical_points(domain, 3 * BLOCK, 5, 2**31 - BLOCK - 7, sampling="sobol")
+    part = canonical_points(domain, BLOCK, 5, 2**31 - 50, sampling="sobol")
+    assert part.tobytes() == whole[BLOCK - 43 :][:BLOCK].tobytes()
+
+
+@pytest.mark.parametrize("domain", DOMAINS)
+def test_sobol_halves_of_every_axis_hold_as_many_points(domain: Domain) -> None:
+    above = (canonical_points(domain, 2**14, 1, sampling="sobol") > 0).mean(axis=0)
+    np.testing.assert_allclose(above, 0.5, atol=1e-3)  # independent points stray by 4e-3
 
 
 # Sampling

@@ -13,8 +13,8 @@ from torch import Tensor
 
 from model.config import TrainConfig
 from model.data.manifest import Entry, Manifest, Split
+from service.canonical import canonical_points
 from service.images import Framing, frame
-from service.sampler import canonical_points
 
 Bytes = npt.NDArray[np.uint8]
 Floats = npt.NDArray[np.float32]

@@ -2,7 +2,6 @@
 
 import re
 from datetime import UTC, datetime
-from functools import partial
 from typing import Annotated, Any, Final
 
 from fastapi import APIRouter, Depends, Path, Query
@@ -14,7 +13,7 @@ from service.errors import NotFound
 from service.formats import POINT_FORMATS, negotiate
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
 from service.ids import ID_DIGITS, imported_id
-from service.points import check_size, cloud, stream
+from service.points import Cloud, check_size, stream
 from service.runtime import Ready
 from service.sampler import SCALES
 from service.schemas import NoQuery, ObjectPage, PageQuery, PointsQuery, Problem, StoredObject, WeightsQuery
@@ -117,7 +116,10 @@ async def points(request: Request, id_: ObjectId, query: Annotated[PointsQuery, 
     fmt = POINT_FORMATS[query.format] if query.format else negotiate(request.headers.get("accept"))
     check_size(fmt, query.n, runtime.settings.max_points)
     record, theta = await runtime.store.get(id_)
-    headers = _cached(etag(id_, fmt.name, query.n, query.seed, query.offset, query.scale)) | {"Vary": "Accept"}
+    cloud = query.cloud(record.spec, theta)
+    headers = _cached(etag(id_, fmt.name, query.n, query.seed, query.offset, query.scale, query.sampling)) | {
+        "Vary": "Accept"
+    }
     if is_fresh(request.headers.get("if-none-match"), headers["ETag"]):
         return Response(status_code=304, headers=headers)
     headers |= _attachment(id_, fmt.extension)
@@ -126,8 +128,7 @@ async def points(request: Request, id_: ObjectId, query: Annotated[PointsQuery, 
         headers["Content-Length"] = str(length)
     if "hof.head" in request.scope:
         return Response(headers=headers, media_type=fmt.media_type)
-    chunks = partial(cloud, record.spec, theta, query.n, seed=query.seed, offset=query.offset, scale=query.scale)
-    pieces = stream(fmt, query.n, chunks, runtime.run)
+    pieces = stream(fmt, cloud, runtime.run, ahead=runtime.settings.threads)
     return StreamingResponse(pieces, headers=headers, media_type=fmt.media_type)
 
 
@@ -166,6 +167,7 @@ def _attachment(id_: str, extension: str) -> dict[str, str]:
 def _finite_weights(body: bytes) -> Weights:
     """The weights of a file. Raises CorruptWeights, also where f^k leaves the range of float32."""
     weights = load(body)
-    for _ in cloud(weights.spec, weights.theta, PROBE_POINTS, scale=SCALES[1]):
+    probe = Cloud(weights.spec, (weights.theta,) * weights.spec.k, PROBE_POINTS, scale=SCALES[1])
+    for _ in probe.chunks():
         pass  # the sampler raises on values that are not finite
     return weights
