@@ -13,7 +13,7 @@ from fastapi.openapi.docs import get_swagger_ui_html
 from starlette.responses import Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from service import __version__, problems
+from service import __version__, kernel, problems
 from service.encoder import Encoder
 from service.errors import InvalidParameter
 from service.openapi import openapi_text
@@ -72,6 +72,7 @@ async def _lifespan(settings: Settings, app: FastAPI) -> AsyncIterator[None]:
     with ThreadPoolExecutor(settings.threads, thread_name_prefix="hof") as executor:
         encoder = await asyncio.to_thread(Encoder.open, settings.model, settings.threads)
         await asyncio.to_thread(encoder.warm_up)
+        await asyncio.to_thread(kernel.load)
         store = await Store.open(settings.database_url)
         app.state.runtime = Runtime(settings, encoder, store, executor)
         try:

@@ -7,7 +7,7 @@ machine and NumPy build.
 A tile's activations fit the L2 cache: that is what makes this several times faster than `mapping.apply`
 on whole arrays. OpenBLAS keeps products of about `MAX_PRODUCT` multiply-adds in the calling thread;
 tiles are chosen to stay below. Networks too wide for that use its threads unless OPENBLAS_NUM_THREADS
-is 1.
+is 1. Where numba is installed (the extra `fast`), networks of one hidden layer take `service.kernel`.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -16,6 +16,7 @@ from typing import Final
 
 import numpy as np
 
+from service import kernel
 from service.canonical import BLOCK, Sampling, block, check_range
 from service.errors import CorruptWeights, InvalidParameter
 from service.mapping import Array, MappingSpec, layers
@@ -68,7 +69,7 @@ def sample(
     if len(word) != spec.k:
         raise InvalidParameter(f"the word has {len(word)} functions, {spec.name} needs {spec.k}", field="word")
     draw = partial(block, spec.domain, seed, sampling=sampling)
-    return _chunks(_Tile(spec, word), draw, offset, offset + n, np.float32(scale), chunk)
+    return _chunks(_tile(spec, word), draw, offset, offset + n, np.float32(scale), chunk)
 
 
 def bounds(chunks: Iterable[Array]) -> tuple[Array, Array]:
@@ -90,39 +91,69 @@ def tile_size(spec: MappingSpec) -> int:
 
 
 class _Tile:
-    """The buffers of one tile and the weights of a word, packed once: `run` maps `points` to `output`.
+    """The buffers of one tile and the weights of a word, packed once: `map` allocates nothing.
 
     Arrays are (features, size), and every one that a matrix multiplies ends in a row of ones, so that
-    [W b] is one matrix and a layer one product. `run` allocates nothing.
+    [W b] is one matrix and a layer one product.
     """
 
     def __init__(self, spec: MappingSpec, word: Sequence[Array]) -> None:
-        self.spec = spec
         self.size = tile_size(spec)
-        self.points = _buffer(spec.input_dim + 1, self.size, 1)
-        self.output = _buffer(spec.output_dim + 1, self.size, 1)
+        self._spec = spec
+        self._x = _buffer(spec.input_dim + 1, self.size, 1)
+        self._output = _buffer(spec.output_dim + 1, self.size, 1)
         hidden = [_buffer(width + 1, self.size, 1) for width in spec.hidden]
         # An array of zeros, not a scalar: NumPy's maximum is twice as fast with one.
         self._zeros = _buffer(max(spec.hidden), self.size, 0)
         packed = {id(theta): _pack(spec, theta) for theta in word}
         self._steps: list[tuple[Array, Array, Array]] = []  # (matrix, input, output)
-        x = self.points
+        x = self._x
         for theta in reversed(word):
-            for matrix, result in zip(packed[id(theta)], [*hidden, self.output], strict=True):
+            for matrix, result in zip(packed[id(theta)], [*hidden, self._output], strict=True):
                 self._steps.append((matrix, x, result[:-1]))
                 x = result
 
-    def run(self) -> None:
-        """Map `points` (input_dim, size) to `output` (3, size); both have a last row of ones besides."""
-        last = len(self.spec.hidden)
-        for index, (matrix, x, result) in enumerate(self._steps):
-            np.matmul(matrix, x, out=result)
+    def map(self, x: Array) -> Array:
+        """Canonical points (input_dim, size) -> the object's, (3, size): a view that the next call overwrites."""
+        self._x[:-1] = x
+        last = len(self._spec.hidden)
+        for index, (matrix, features, result) in enumerate(self._steps):
+            np.matmul(matrix, features, out=result)
             if index % (last + 1) == last:
                 continue
-            if self.spec.activation == "relu":
+            if self._spec.activation == "relu":
                 np.maximum(result, self._zeros[: len(result)], out=result)
             else:
                 np.tanh(result, out=result)
+        return self._output[:-1]
+
+
+class _FusedTile:
+    """As `_Tile`, by the compiled kernel."""
+
+    size = kernel.TILE
+
+    def __init__(self, run: kernel.Kernel, spec: MappingSpec, word: Sequence[Array]) -> None:
+        self._run = run
+        self._x = _buffer(spec.input_dim, self.size, 0)
+        self._functions = [
+            (np.array(w.T, order="C"), b.copy(), v.copy(), c.copy())
+            for theta in reversed(word)
+            for (w, b), (v, c) in [layers(spec, theta)]
+        ]
+
+    def map(self, x: Array) -> Array:
+        """As `_Tile.map`."""
+        self._x[:] = x
+        for w, b, v, c in self._functions:
+            self._run(w, b, v, c, self._x)
+        return self._x
+
+
+def _tile(spec: MappingSpec, word: Sequence[Array]) -> _Tile | _FusedTile:
+    """The fastest way that is installed; the spec alone decides, so that all calls agree to the bit."""
+    run = kernel.load() if kernel.fits(spec) else None
+    return _FusedTile(run, spec, word) if run else _Tile(spec, word)
 
 
 def _buffer(rows: int, columns: int, value: float) -> Array:
@@ -139,7 +170,9 @@ def _pack(spec: MappingSpec, theta: Array) -> list[Array]:
     return [np.concatenate([w, b[:, None]], axis=1, dtype=np.float32) for w, b in layers(spec, theta)]
 
 
-def _chunks(tile: _Tile, draw: Draw, start: int, stop: int, scale: np.float32, chunk: int) -> Iterator[Array]:
+def _chunks(
+    tile: _Tile | _FusedTile, draw: Draw, start: int, stop: int, scale: np.float32, chunk: int
+) -> Iterator[Array]:
     """Pieces of [start, stop); they end at multiples of BLOCK where `chunk` allows: no work is done twice."""
     while start < stop:
         end = min(start + chunk, stop)
@@ -149,18 +182,17 @@ def _chunks(tile: _Tile, draw: Draw, start: int, stop: int, scale: np.float32, c
         start = end
 
 
-def _evaluate(tile: _Tile, draw: Draw, start: int, stop: int, scale: np.float32) -> Array:
+def _evaluate(tile: _Tile | _FusedTile, draw: Draw, start: int, stop: int, scale: np.float32) -> Array:
     """The points [start, stop) of the object, (stop - start, 3) float32."""
-    points = np.empty((stop - start, tile.spec.output_dim), np.float32)
+    points = np.empty((stop - start, 3), np.float32)
     size = tile.size
     with np.errstate(over="ignore", invalid="ignore"):  # checked below, once
         for first in range(start // BLOCK * BLOCK, stop, BLOCK):
-            canonical = draw(first)  # (d, BLOCK)
+            canonical = draw(first)  # (input_dim, BLOCK)
             for at in range(max(first, start // size * size), min(first + BLOCK, stop), size):
-                tile.points[:-1] = canonical[:, at - first : at - first + size]
-                tile.run()
+                mapped = tile.map(canonical[:, at - first : at - first + size])
                 begin, end = max(at, start), min(at + size, stop)
-                points[begin - start : end - start] = tile.output[:-1, begin - at : end - at].T
+                points[begin - start : end - start] = mapped[:, begin - at : end - at].T
         points *= scale
     if not np.isfinite(points).all():
         raise CorruptWeights("the mapping function's values exceed float32", field="theta")

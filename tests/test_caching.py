@@ -5,7 +5,7 @@ import pytest
 
 from service.caching import CACHE_CONTROL, etag, is_fresh
 from service.mapping import Array
-from service.sampler import _Tile
+from service.points import Cloud, Part
 
 KINDS = ["points", "weights"]
 
@@ -31,10 +31,10 @@ def test_a_known_answer_is_304_without_a_body(client: httpx.Client, links: dict[
 def test_a_304_samples_nothing(client: httpx.Client, links: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
     tag = client.get(links["points"]).headers["ETag"]
 
-    def fail(self: _Tile) -> Array:
+    def fail(self: Cloud, part: Part) -> Array:
         raise AssertionError("a point was sampled")
 
-    monkeypatch.setattr(_Tile, "run", fail)
+    monkeypatch.setattr(Cloud, "points", fail)
     assert client.get(links["points"], headers={"If-None-Match": tag}).status_code == 304
 
 

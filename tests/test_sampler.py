@@ -1,7 +1,7 @@
 import itertools
 import tracemalloc
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from scipy import stats
 from scipy.stats import qmc
 
+from service import kernel
 from service.canonical import BLOCK, canonical_points
 from service.errors import CorruptWeights, InvalidParameter, InvalidSpec
 from service.mapping import DOMAIN_DIMS, HOF_1, HOF_3, Array, Domain, MappingSpec, compose, initial_theta
@@ -23,6 +24,17 @@ DOMAINS: list[Domain] = ["ball", "sphere", "ball4", "cube"]
 SMALL = MappingSpec("small", 3, (16,), 3)
 WIDE = MappingSpec("wide", 3, (256, 256), 3)  # no tile of it stays within one BLAS thread
 ALPHA = 1e-3  # seeds are fixed, so a test that passes once always passes
+
+
+@pytest.fixture(params=["numpy", "fast"], autouse=True, scope="module")
+def engine(request: pytest.FixtureRequest) -> Iterator[str]:
+    """Every test runs on plain NumPy and on the compiled kernel."""
+    with pytest.MonkeyPatch.context() as patch:
+        if request.param == "numpy":
+            patch.setattr(kernel, "load", lambda: None)
+        else:
+            assert kernel.load() is not None, "numba is missing: the extra `fast` is a part of `dev`"
+        yield request.param
 
 
 def cloud(spec: MappingSpec, word: Sequence[Array], n: int, **options: Any) -> Array:  # noqa: ANN401
@@ -223,6 +235,21 @@ def test_chunks_are_bounded_and_make_n_points(n: int, offset: int, chunk: int) -
     assert all(0 < m <= chunk and d == 3 for m, d in sizes)
 
 
+@pytest.mark.parametrize("width", [1, 5, 16, 1000, 1024])
+def test_the_kernel_agrees_with_the_reference(width: int) -> None:
+    spec = MappingSpec("one layer", 3, (width,), 3, k=2)
+    assert kernel.fits(spec)
+    word = thetas(spec)
+    expected = compose(spec, word, canonical_points("ball", 1000))
+    np.testing.assert_allclose(cloud(spec, word, 1000), expected, atol=1e-5 * np.abs(expected).max())
+
+
+def test_the_kernel_leaves_other_networks_alone() -> None:
+    assert not kernel.fits(HOF_3)
+    assert not kernel.fits(MappingSpec("tanh", 3, (8,), 3, "tanh"))
+    assert not kernel.fits(MappingSpec("four", 4, (8,), 3, domain="ball4"))
+
+
 def test_seed_changes_the_points() -> None:
     word = thetas(SMALL)
     assert (cloud(SMALL, word, 100, seed=0) != cloud(SMALL, word, 100, seed=1)).any(axis=1).all()
@@ -296,7 +323,8 @@ def test_tiles_stay_within_one_thread_and_divide_a_block() -> None:
     assert tile_size(HOF_1) == TILE
     assert tile_size(HOF_3) == 32
     assert tile_size(WIDE) == TILE
-    assert all(BLOCK % size == 0 for size in (TILE, *SMALL_TILES))
+    assert all(BLOCK % size == 0 for size in (TILE, *SMALL_TILES, kernel.TILE))
+    assert kernel.TILE % 4 == 0
 
 
 def test_bounds() -> None:
