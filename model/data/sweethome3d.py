@@ -85,7 +85,11 @@ def _download(work: Path) -> Path:
     work.mkdir(parents=True, exist_ok=True)
     if found := sorted(work.glob(f"{PACKAGE}_*.deb")):
         return found[0]
-    _run(["apt-get", "download", PACKAGE], work)
+    try:
+        _run(["apt-get", "download", PACKAGE], work)
+    except FileNotFoundError:  # a fresh machine has no package lists yet; only root may get them
+        _run(["apt-get", "update"], work)
+        _run(["apt-get", "download", PACKAGE], work)
     return sorted(work.glob(f"{PACKAGE}_*.deb"))[0]
 
 
@@ -102,4 +106,4 @@ def _run(command: list[str], folder: Path) -> None:
         raise FileNotFoundError(f"{command[0]} is missing: pass a folder of .sh3f files or the .deb instead")
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)  # noqa: S603
     if done.returncode:
-        raise FileNotFoundError(f"`{' '.join(command)}` failed (is the package list fresh?): {done.stderr.strip()}")
+        raise FileNotFoundError(f"`{' '.join(command)}` failed: {done.stderr.strip()}")
