@@ -26,8 +26,8 @@ lint: .venv/dev.stamp ## ruff and mypy
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 
-bench: .venv/service.stamp ## measure the sampler; writes benchmarks/RESULTS.md
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/sampler.py
+bench: .venv/bench.stamp ## measure sampler, decoders and service on an idle machine; writes benchmarks/RESULTS.md
+	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.run
 
 results: .venv/dev.stamp .venv/system.stamp ## build the data set, evaluate the shipped model: RESULTS.md
 	$(BIN)/hof-model data build
@@ -52,6 +52,10 @@ clean: ## remove what was installed, cached and written; data sets and runs stay
 .venv/dev.stamp: pyproject.toml | .venv/bin/python
 	$(BIN)/pip install --quiet --editable '.[dev,train]' '$(TORCH)'
 	@touch $@ .venv/service.stamp
+
+.venv/bench.stamp: .venv/dev.stamp
+	$(BIN)/pip install --quiet --editable '.[bench]'
+	@touch $@
 
 .venv/system.stamp: tests/system.sh | .venv/bin/python
 	bash tests/system.sh

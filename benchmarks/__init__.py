@@ -1,0 +1,1 @@
+"""What the figures in benchmarks/RESULTS.md come from: `make bench`."""

@@ -1,0 +1,128 @@
+"""benchmarks/RESULTS.md and the runtime figure."""
+
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.serving import LARGE, MIB, STREAMED, Figures
+from benchmarks.timing import Seconds
+from model.provenance import provenance
+
+SEED = 0
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A figure beside the one that was asked for."""
+
+    what: str
+    measured: float
+    limit: float
+    at_most: bool = False
+
+    @property
+    def met(self) -> bool:
+        """Whether the measured figure is on the right side of the limit."""
+        return self.measured <= self.limit if self.at_most else self.measured >= self.limit
+
+
+@dataclass
+class Report:
+    """Collects tables, then writes them below the asked figures."""
+
+    rounds: int
+    asked: list[Asked] = field(default_factory=list)
+    _sections: list[str] = field(default_factory=list)
+
+    def sampler(self, name: str, times: dict[int, dict[str, Seconds]], tiles: dict[str, int]) -> None:
+        """Mpoints/s of every way at every n."""
+        ways = list(next(iter(times.values())))
+        rows = [
+            f"| {way} | {tiles.get(way, '')} | "
+            + " | ".join(f"{n / np.median(found[way]) / 1e6:.2f}" for n, found in times.items())
+            + " |"
+            for way in ways
+        ]
+        head = f"| way | tile | {' | '.join(f'n = {n:,}' for n in times)} |\n|---|---|{'---|' * len(times)}"
+        self._sections.append(f"## {name}: Mpoints/s, one core\n\n{head}\n" + "\n".join(rows))
+
+    def roofline(self, peak: float, fused_limit: float, rates: dict[str, float], flops: int) -> None:
+        """How much of the core's float32 peak each way of ours reaches."""
+        rows = "\n".join(
+            f"| {name} | {rate / 1e6:.2f} | {rate * flops / 1e9:.0f} | {rate * flops / peak:.0%} | "
+            f"{rate / fused_limit:.0%} |"
+            for name, rate in rates.items()
+        )
+        self._sections.append(
+            f"## Roofline, HOF-1, k = 1\n\nThis core's float32 peak, by a 1024 x 1024 matrix product: {peak / 1e9:.0f} "
+            f"GFLOP/s. The fused limit, 7 vector operations per 16 point-hidden pairs: {fused_limit / 1e6:.1f} "
+            "Mpoints/s.\n\n"
+            f"| way | Mpoints/s | GFLOP/s | of the peak | of the fused limit |\n|---|---|---|---|---|\n"
+            f"{rows}"
+        )
+
+    def decoders(self, times: dict[int, dict[str, Seconds]], forms: dict[str, tuple[str, int]]) -> None:
+        """Milliseconds over n of HOF and of the decoders."""
+        best = "; ".join(f"{name} ({parameters:,} parameters): {form}" for name, (form, parameters) in forms.items())
+        head = f"| network | {' | '.join(f'n = {n:,}' for n in times)} |\n|---|{'---|' * len(times)}"
+        rows = [
+            f"| {name} | " + " | ".join(f"{1000 * np.median(found[name]):.2f}" for found in times.values()) + " |"
+            for name in next(iter(times.values()))
+        ]
+        self._sections.append(
+            "## The paper's runtime figure: ms to draw n points, one core\n\n"
+            f"The decoders in their best form: {best}. Their latent code is folded into the biases.\n\n{head}\n"
+            + "\n".join(rows)
+            + "\n\n![Time over the number of points](runtime.png)"
+        )
+
+    def serving(self, figures: Figures) -> None:
+        """What a client sees."""
+        rate = STREAMED / float(np.median(figures.http_s)) / 1e6
+        bare = STREAMED / float(np.median(figures.bare_s)) / 1e6
+        first = "\n".join(f"| {name} | {1000 * took:.1f} |" for name, took in figures.first_byte_s.items())
+        self._sections.append(
+            "## HTTP over loopback, HOF-1, k = 2, server on one core\n\n"
+            f"- {STREAMED:,} points as PLY: {rate:.2f} Mpoints/s; the bare sampler on that core: {bare:.2f}.\n"
+            f"- Resident memory: {figures.idle_bytes / MIB:.0f} MiB idle, {figures.extra_bytes / MIB:.1f} MiB more at "
+            f"the peak of streaming {LARGE:,} points.\n\n"
+            f"| format | first byte, ms (n = {STREAMED:,}; JSON 100,000) |\n|---|---|\n{first}"
+        )
+
+    def write(self, path: Path) -> None:
+        """Write the page."""
+        made = provenance(SEED)
+        rows = [
+            f"| {item.what} | {item.measured:.2f} | {'<=' if item.at_most else '>='} {item.limit:g} | "
+            f"{'yes' if item.met else '**no**'} |"
+            for item in self.asked
+        ]
+        page = (
+            "# Benchmarks\n\n"
+            f"Written by `make bench`. {made['machine']}; pinned to one core; {made['date']}, seed {made['seed']}, "
+            f"commit {made['commit']}. Medians of {self.rounds} rounds (decoders: at most 5), in which all ways run in "
+            "turn; every time includes drawing the canonical points, by the same generator for all. "
+            f"OPENBLAS_NUM_THREADS={os.environ.get('OPENBLAS_NUM_THREADS', 'unset')}.\n\n"
+            "| figure | measured | asked | met |\n|---|---|---|---|\n" + "\n".join(rows) + "\n\n"
+        )
+        path.write_text(page + "\n\n".join(self._sections) + "\n", encoding="utf-8")
+
+
+def draw_runtime(times: dict[int, dict[str, Seconds]], output: Path) -> None:
+    """Time over n, both logarithmic, as the paper's runtime figure."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(figsize=(7, 4.5))
+    for name in next(iter(times.values())):
+        axes.plot(list(times), [1000 * np.median(found[name]) for found in times.values()], marker="o", label=name)
+    axes.set(xscale="log", yscale="log", xlabel="points", ylabel="ms, one core")
+    axes.grid(visible=True, alpha=0.3)
+    axes.legend()
+    figure.tight_layout()
+    figure.savefig(output, dpi=110)
+    plt.close(figure)

@@ -1,0 +1,180 @@
+"""Ways to evaluate a network on a CPU core, each in its best form that we know; all take a tile size.
+
+Every way is `make(network, tile) -> evaluate`, and `evaluate` maps (n, input) float32 to (n, output).
+"""
+
+from collections.abc import Callable
+from typing import Any, Final
+
+import numpy as np
+import onnx
+import onnxruntime as ort
+import torch
+from onnx import TensorProto, helper, numpy_helper
+
+from benchmarks.networks import Network
+from service.mapping import Array
+
+Evaluate = Callable[[Array], Array]
+Make = Callable[[Network, int], Evaluate]
+
+
+def naive(network: Network, tile: int) -> Evaluate:
+    """NumPy on whole arrays, as one writes it down; no tiles."""
+    return network.reference
+
+
+def numpy_tiles(network: Network, tile: int) -> Evaluate:
+    """NumPy as our sampler has it: tiles, reused buffers, biases folded in by a row of ones."""
+    width = network.layers[0].w.shape[1]
+    x = np.ones((width + 1, tile), np.float32)
+    steps: list[tuple[Array, Array, Array, bool, Array | None]] = []
+    before = x
+    for layer in network.layers:
+        rows = len(layer.w)
+        after = np.ones((rows + 1, tile), np.float32)
+        matrix = np.concatenate([layer.w, layer.b[:, None]], axis=1)
+        joined = np.ones((matrix.shape[1], tile), np.float32) if layer.skip else None
+        steps.append((matrix, before, after, layer.relu, joined))
+        before = after
+    zeros = np.zeros((max(len(layer.w) for layer in network.layers), tile), np.float32)
+    out_rows = len(network.layers[-1].w)
+
+    def evaluate(points: Array) -> Array:
+        out = np.empty((len(points), out_rows), np.float32)
+        for start in range(0, len(points), tile):
+            part = points[start : start + tile]
+            x[:-1, : len(part)] = part.T
+            for matrix, source, target, relu, joined in steps:
+                if joined is not None:
+                    joined[: len(source) - 1], joined[len(source) - 1 : -1] = source[:-1], x[:-1]
+                    source = joined
+                result = target[:-1]
+                np.matmul(matrix, source, out=result)
+                if relu:
+                    np.maximum(result, zeros[: len(result)], out=result)
+            out[start : start + tile] = steps[-1][2][:-1, : len(part)].T
+        return out
+
+    return evaluate
+
+
+def onnxruntime(network: Network, tile: int) -> Evaluate:
+    """onnxruntime, one thread, all graph optimisations."""
+    options = ort.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    session = ort.InferenceSession(_onnx(network), options, providers=["CPUExecutionProvider"])
+
+    def run(points: Array) -> Array:
+        found: Array = session.run(None, {"x": points})[0]
+        return found
+
+    return _tiled(run, tile)
+
+
+def torch_eager(network: Network, tile: int) -> Evaluate:
+    """PyTorch without a compiler: addmm and ReLU in place."""
+    forward = _torch_forward(network)
+
+    @torch.inference_mode()
+    def run(points: Array) -> Array:
+        found: Array = forward(torch.from_numpy(points)).numpy()
+        return found
+
+    return _tiled(run, tile)
+
+
+def torch_compiled(network: Network, tile: int) -> Evaluate:
+    """PyTorch's compiler on tiles of a fixed size."""
+    forward: Any = torch.compile(_torch_forward(network), fullgraph=True, dynamic=False)
+
+    @torch.inference_mode()
+    def run(points: Array) -> Array:
+        found: Array = forward(torch.from_numpy(points)).numpy()
+        return found
+
+    return _tiled(_padded(run, tile), tile)
+
+
+def jax_jit(network: Network, tile: int) -> Evaluate:
+    """JAX, compiled for tiles of a fixed size."""
+    import jax  # the extra `bench`; the tests do without
+    import jax.numpy as jnp
+
+    weights = [(jnp.asarray(layer.w.T), jnp.asarray(layer.b)) for layer in network.layers]
+
+    def forward(x: jax.Array) -> jax.Array:
+        y = x
+        for (w, b), layer in zip(weights, network.layers, strict=True):
+            y = (jnp.concatenate([y, x], axis=1) if layer.skip else y) @ w + b
+            y = jnp.maximum(y, 0) if layer.relu else y
+        return y
+
+    compiled = jax.jit(forward)
+    return _tiled(_padded(lambda points: np.asarray(compiled(points)), tile), tile)
+
+
+RIVALS: Final[dict[str, Make]] = {
+    "naive NumPy": naive,
+    "onnxruntime": onnxruntime,
+    "torch eager": torch_eager,
+    "torch compiled": torch_compiled,
+    "JAX": jax_jit,
+}
+
+
+def _tiled(run: Evaluate, tile: int) -> Evaluate:
+    def evaluate(points: Array) -> Array:
+        parts = [run(points[start : start + tile]) for start in range(0, len(points), tile)]
+        return np.concatenate(parts)
+
+    return evaluate
+
+
+def _padded(run: Evaluate, tile: int) -> Evaluate:
+    """For compilers: every call has `tile` points."""
+
+    def evaluate(points: Array) -> Array:
+        if len(points) == tile:
+            return run(points)
+        full = np.zeros((tile, points.shape[1]), np.float32)
+        full[: len(points)] = points
+        return run(full)[: len(points)]
+
+    return evaluate
+
+
+def _torch_forward(network: Network) -> Callable[[torch.Tensor], torch.Tensor]:
+    weights = [
+        (torch.from_numpy(np.ascontiguousarray(layer.w.T)), torch.from_numpy(layer.b)) for layer in network.layers
+    ]
+
+    def forward(x: torch.Tensor) -> torch.Tensor:
+        y = x
+        for (w, b), layer in zip(weights, network.layers, strict=True):
+            y = torch.addmm(b, torch.cat([y, x], dim=1) if layer.skip else y, w)
+            y = y.relu_() if layer.relu else y
+        return y
+
+    return forward
+
+
+def _onnx(network: Network) -> bytes:
+    nodes, initializers, y = [], [], "x"
+    for index, layer in enumerate(network.layers):
+        if layer.skip:
+            nodes.append(helper.make_node("Concat", [y, "x"], [f"joined{index}"], axis=1))
+            y = f"joined{index}"
+        initializers += [numpy_helper.from_array(layer.w, f"w{index}"), numpy_helper.from_array(layer.b, f"b{index}")]
+        nodes.append(helper.make_node("Gemm", [y, f"w{index}", f"b{index}"], [f"y{index}"], transB=1))
+        y = f"y{index}"
+        if layer.relu:
+            nodes.append(helper.make_node("Relu", [y], [f"relu{index}"]))
+            y = f"relu{index}"
+    inputs = helper.make_tensor_value_info("x", TensorProto.FLOAT, ["n", network.layers[0].w.shape[1]])
+    outputs = helper.make_tensor_value_info(y, TensorProto.FLOAT, ["n", len(network.layers[-1].w)])
+    graph = helper.make_graph(nodes, "network", [inputs], [outputs], initializers)
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
+    onnx.checker.check_model(model)
+    data: bytes = model.SerializeToString()
+    return data

@@ -1,0 +1,176 @@
+"""`make bench`: measure everything, write benchmarks/RESULTS.md and benchmarks/runtime.png.
+
+One process on one core; whatever is compared runs in turn, and ratios are medians over the rounds. Every
+time includes drawing the canonical points, by the same generator for all.
+"""
+
+import argparse
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+from unittest import mock
+
+import numpy as np
+import torch
+
+from benchmarks import serving
+from benchmarks.networks import Network, deepsdf, foldingnet, mapping_network
+from benchmarks.report import Asked, Report, draw_runtime
+from benchmarks.rivals import RIVALS, Evaluate, Make, numpy_tiles
+from benchmarks.timing import TILES, Seconds, best_tile, in_turn, pin, ratio, seconds
+from service import kernel
+from service.canonical import canonical_points
+from service.mapping import HOF_1, HOF_3, MappingSpec, initial_theta
+from service.sampler import sample
+
+FOLDER: Final = Path(__file__).resolve().parent
+SPECS: Final = (HOF_1, HOF_1.with_k(2), HOF_3)
+SIZES: Final = (1_000, 10_000, 100_000, 1_000_000)
+DECODER_POINTS: Final = 100_000
+FUSED_OPS: Final = 7  # vector operations per 16 point-hidden pairs: 3 + 3 fused multiply-adds, one maximum
+OURS, FAST = "ours, NumPy", "ours, [fast]"
+
+
+def main() -> int:
+    """Measure and write. `--quick` is for trying the program, not for figures."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--rounds", type=int, default=7)
+    parser.add_argument("--quick", action="store_true", help="few points, few ways: to see that it runs")
+    parser.add_argument("-o", "--output", type=Path, default=FOLDER)
+    arguments = parser.parse_args()
+    core = pin()
+    torch.set_num_threads(1)
+    report = Report(arguments.rounds)
+    _sampler_table(report, arguments.rounds, arguments.quick)
+    _decoder_table(report, arguments.rounds, arguments.quick, arguments.output)
+    if not arguments.quick:
+        _serving_table(report, core, arguments.rounds)
+    report.write(arguments.output / "RESULTS.md")
+    print((arguments.output / "RESULTS.md").read_text("utf-8"), end="")
+    return 0
+
+
+def ours(spec: MappingSpec, *, fast: bool) -> Callable[[int], None]:
+    """Our sampler as users call it: n -> all points drawn, mapped and dropped."""
+    theta = initial_theta(spec)
+    compiled = kernel.load() if fast else None
+
+    def run(n: int) -> None:
+        with mock.patch.object(kernel, "load", return_value=compiled):  # as if numba were there, or not
+            for _ in sample(spec, [theta] * spec.k, n):
+                pass
+
+    return run
+
+
+def rival(evaluate: Evaluate, width: int) -> Callable[[int], None]:
+    """A rival: the same canonical points, then its own evaluation."""
+
+    def run(n: int) -> None:
+        evaluate(np.ascontiguousarray(canonical_points("ball", n)[:, :width]))
+
+    return run
+
+
+def _sampler_table(report: Report, rounds: int, quick: bool) -> None:
+    sizes = SIZES[:2] if quick else SIZES
+    for spec in SPECS[:1] if quick else SPECS:
+        network = mapping_network(spec, initial_theta(spec))
+        ways = {OURS: ours(spec, fast=False)}
+        if kernel.fits(spec):
+            ways[FAST] = ours(spec, fast=True)
+        tiles = {}
+        for name, make in RIVALS.items():
+            if quick and name not in ("naive NumPy", "onnxruntime"):
+                continue
+            tile, evaluate = best_tile(make, network, (1024,) if make is RIVALS["naive NumPy"] else _tiles(quick))
+            tiles[name] = tile
+            ways[name] = rival(evaluate, 3)
+        times = {n: in_turn({name: _at(way, n) for name, way in ways.items()}, rounds) for n in sizes}
+        report.sampler(network.name, times, tiles)
+        if spec is HOF_1:
+            _judge_sampler(report, network, times[sizes[-1]], sizes[-1])
+
+
+def _judge_sampler(report: Report, network: Network, times: dict[str, Seconds], n: int) -> None:
+    """The asked figures of HOF-1, k = 1 at the largest n."""
+    rivals = [name for name in times if name not in (OURS, FAST, "naive NumPy")]
+    best = min(rivals, key=lambda name: float(np.median(times[name])))
+    report.asked += [
+        Asked(f"HOF-1, k = 1, NumPy against the best rival ({best})", ratio(times[best], times[OURS]), 1.8),
+        Asked("HOF-1, k = 1, NumPy against naive NumPy", ratio(times["naive NumPy"], times[OURS]), 15),
+        Asked("HOF-1, k = 1, [fast] against NumPy", ratio(times[OURS], times[FAST]), 2),
+    ]
+    peak = _peak_flops()
+    points_per_s = n / float(np.median(times[FAST]))
+    hidden = len(network.layers[0].w)
+    fused_limit = peak / 2 / (FUSED_OPS * hidden)  # a fused multiply-add is two operations
+    report.asked.append(Asked("stretch: [fast] as a share of the fused limit", points_per_s / fused_limit, 0.75))
+    report.roofline(
+        peak, fused_limit, {name: n / float(np.median(times[name])) for name in (OURS, FAST)}, network.flops
+    )
+
+
+def _peak_flops() -> float:
+    """float32 operations per second that this core reaches: the best of NumPy's matrix products."""
+    a = np.random.default_rng(0).random((1024, 1024), np.float32)
+    out = np.empty_like(a)
+    return 2 * 1024**3 / min(seconds(lambda: np.matmul(a, a, out=out)) for _ in range(20))
+
+
+def _decoder_table(report: Report, rounds: int, quick: bool, output: Path) -> None:
+    """The paper's runtime figure: time over n of HOF and of the decoders, each in its best form."""
+    ways = {f"HOF-1, k = {k}": ours(HOF_1.with_k(k), fast=False) for k in (1, 2)}
+    ways |= {f"HOF-1, k = {k}, [fast]": ours(HOF_1.with_k(k), fast=True) for k in (1, 2)}
+    ways["HOF-3"] = ours(HOF_3, fast=False)
+    forms = {}
+    for network in (deepsdf(), foldingnet()):
+        form, evaluate = _best_form(network, quick)
+        forms[network.name] = (form, network.parameters)
+        ways[network.name] = rival(evaluate, network.layers[0].w.shape[1])
+    sizes = (1_000, 2_000) if quick else (1_000, 3_000, 10_000, 30_000, DECODER_POINTS)
+    times = {n: in_turn({name: _at(way, n) for name, way in ways.items()}, min(rounds, 5)) for n in sizes}
+    report.decoders(times, forms)
+    draw_runtime(times, output / "runtime.png")
+    at = times[sizes[-1]]
+    for name, asked in (("HOF-1, k = 1", 50), ("HOF-1, k = 1, [fast]", 120)):
+        report.asked.append(Asked(f"{name} against DeepSDF, n = {sizes[-1]:,}", ratio(at["DeepSDF"], at[name]), asked))
+
+
+def _best_form(network: Network, quick: bool) -> tuple[str, Evaluate]:
+    """The fastest of all ways to compute a decoder, with its best tile."""
+    makes: dict[str, Make] = {"NumPy tiles": numpy_tiles, **RIVALS}
+    if quick:
+        makes = {"NumPy tiles": numpy_tiles}
+    x = canonical_points("ball", 8192)[:, : network.layers[0].w.shape[1]].copy()
+    found = []
+    for name, make in makes.items():
+        tile, evaluate = best_tile(make, network, _tiles(quick))
+        found.append((min(seconds(lambda e=evaluate: e(x)) for _ in range(3)), f"{name}, {tile} points", evaluate))  # type: ignore[misc]
+    _, form, evaluate = min(found, key=lambda candidate: candidate[0])
+    return form, evaluate
+
+
+def _serving_table(report: Report, core: int, rounds: int) -> None:
+    figures = serving.measure(core, rounds)
+    report.serving(figures)
+    report.asked += [
+        Asked("HTTP, 1 M points as PLY: share of the bare sampler", ratio(figures.bare_s, figures.http_s), 0.7),
+        Asked("HTTP: extra memory for 10 M points, MiB", figures.extra_bytes / serving.MIB, 16, at_most=True),
+    ]
+    for name in ("ply", "npy", "xyz", "f32", "pcd"):
+        first_ms = 1000 * figures.first_byte_s[name]
+        report.asked.append(Asked(f"HTTP: first byte of 1 M points as {name.upper()}, ms", first_ms, 20, at_most=True))
+
+
+def _tiles(quick: bool) -> tuple[int, ...]:
+    return (256,) if quick else TILES
+
+
+def _at(way: Callable[[int], None], n: int) -> Callable[[], None]:
+    return lambda: way(n)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
