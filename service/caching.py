@@ -1,4 +1,4 @@
-"""HTTP caching of what never changes: an id is a digest, so the same question has the same answer."""
+"""HTTP caching and compression of what never changes: an id is a digest, the same question has the same answer."""
 
 import hashlib
 import re
@@ -26,3 +26,12 @@ def is_fresh(if_none_match: str | None, tag: str) -> bool:
     if if_none_match.strip() == "*":
         return True
     return tag.removeprefix("W/") in _TAG.findall(if_none_match)
+
+
+def accepts_gzip(accept_encoding: str | None) -> bool:
+    """Whether an Accept-Encoding header (section 12.5.3) allows gzip by name."""
+    for part in (accept_encoding or "").lower().split(","):
+        coding, *parameters = (field.strip() for field in part.split(";"))
+        if coding in ("gzip", "x-gzip"):
+            return not any(re.fullmatch(r"q\s*=\s*0(\.0*)?", parameter) for parameter in parameters)
+    return False

@@ -1,6 +1,7 @@
 """A cloud of an object's points: part by part, as a file or as a stream; never all at once."""
 
 import asyncio
+import zlib
 from collections import deque
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from dataclasses import dataclass
@@ -98,6 +99,15 @@ async def stream(fmt: PointFormat, cloud: Cloud, run: Run, ahead: int) -> AsyncI
         separator = fmt.separator
     if tail := fmt.tail(cloud.n):
         yield tail
+
+
+async def gzipped(pieces: AsyncIterator[bytes], run: Run) -> AsyncIterator[bytes]:
+    """Compress a stream, at the fastest level: it must not become slower than the network it saves."""
+    squeeze = zlib.compressobj(level=1, wbits=31)  # 31: with gzip's header
+    async for piece in pieces:
+        if squeezed := await run(squeeze.compress, piece):
+            yield squeezed
+    yield squeeze.flush()
 
 
 async def _bounds(cloud: Cloud, run: Run, ahead: int) -> tuple[Array, Array]:

@@ -3,7 +3,7 @@
 import httpx
 import pytest
 
-from service.caching import CACHE_CONTROL, etag, is_fresh
+from service.caching import CACHE_CONTROL, accepts_gzip, etag, is_fresh
 from service.mapping import Array
 from service.points import Cloud, Part
 
@@ -47,7 +47,7 @@ def test_every_parameter_has_its_own_tag(client: httpx.Client, links: dict[str, 
 def test_the_tag_follows_the_negotiated_format(client: httpx.Client, links: dict[str, str]) -> None:
     ply, glb = (client.head(links["points"], headers={"Accept": a}) for a in ("model/ply", "model/gltf-binary"))
     assert ply.headers["ETag"] != glb.headers["ETag"]
-    assert ply.headers["Vary"] == "Accept"
+    assert ply.headers["Vary"] == "Accept, Accept-Encoding"
     assert glb.headers["ETag"] == client.head(links["points"] + "?format=glb").headers["ETag"]
 
 
@@ -76,6 +76,44 @@ def test_a_deleted_object_is_404_whatever_the_client_knows(
 )
 def test_weak_comparison(header: str | None, fresh: bool) -> None:
     assert is_fresh(header, 'W/"a"') is fresh
+
+
+@pytest.mark.parametrize("name", ["xyz", "json"])
+def test_text_is_compressed_where_the_client_can_read_it(
+    client: httpx.Client, links: dict[str, str], name: str
+) -> None:
+    path = f"{links['points']}?format={name}&n=20000"
+    plain, squeezed = (client.get(path, headers={"Accept-Encoding": coding}) for coding in ("identity", "gzip"))
+    assert "content-encoding" not in plain.headers
+    assert squeezed.headers["content-encoding"] == "gzip"
+    assert squeezed.content == plain.content  # httpx unpacks it
+    assert squeezed.num_bytes_downloaded < 0.6 * plain.num_bytes_downloaded
+    assert squeezed.headers["ETag"] != plain.headers["ETag"]
+    assert client.head(path, headers={"Accept-Encoding": "gzip"}).headers["content-encoding"] == "gzip"
+
+
+def test_binary_formats_are_sent_as_they_are(client: httpx.Client, links: dict[str, str]) -> None:
+    for name in ("ply", "npy", "glb", "f32"):
+        answer = client.get(f"{links['points']}?format={name}", headers={"Accept-Encoding": "gzip"})
+        assert "content-encoding" not in answer.headers
+        assert int(answer.headers["content-length"]) == len(answer.content)
+
+
+@pytest.mark.parametrize(
+    ("header", "accepted"),
+    [
+        ("gzip", True),
+        ("br, GZIP;q=0.5", True),
+        ("x-gzip", True),
+        ("gzip;q=0", False),
+        ("gzip; q=0.0", False),
+        ("br, zstd", False),
+        ("", False),
+        (None, False),
+    ],
+)
+def test_accept_encoding(header: str | None, accepted: bool) -> None:
+    assert accepts_gzip(header) is accepted
 
 
 def test_a_tag_tells_its_parts_apart() -> None:

@@ -96,7 +96,7 @@ def test_scale_multiplies(client: httpx.Client, path: str) -> None:
 def test_format_wins_over_accept(client: httpx.Client, path: str, accept: str, query: str, expected: str) -> None:
     answer = client.get(path + query, headers={"Accept": accept})
     assert answer.headers["content-type"].split(";")[0] == expected
-    assert answer.headers["vary"] == "Accept"
+    assert answer.headers["vary"].startswith("Accept")
 
 
 def test_an_accept_that_nothing_satisfies_is_refused(client: httpx.Client, path: str) -> None:
@@ -193,7 +193,9 @@ def test_a_client_that_leaves_ends_the_sampling(
     made = _parts_made(monkeypatch)
     with socket.create_connection(("127.0.0.1", server.port), timeout=30) as connection:
         connection.sendall(f"GET {path}?n=10000000&format={name} HTTP/1.1\r\nHost: x\r\n\r\n".encode())
+        deadline = time.monotonic() + 30
         while not made:  # glb is in its pass for the bounds then, before a byte is sent
+            assert time.monotonic() < deadline, "no part was ever sampled"
             time.sleep(0.001)
     before = -1
     while before != len(made):

@@ -24,6 +24,7 @@ class PointFormat:
     needs_bounds : the head holds the smallest and largest coordinates.
     max_points : the format's limit, None without one.
     separator : what stands between one body and the next.
+    is_text : it shrinks to less than half by gzip; the others hardly do.
     """
 
     name: str
@@ -36,11 +37,12 @@ class PointFormat:
     needs_bounds: bool = False
     max_points: int | None = None
     separator: bytes = b""
+    is_text: bool = False
 
 
 _PLY = PointFormat("ply", "model/ply", ".ply", ply.head, raw.float32, length=ply.length)
 _NPY = PointFormat("npy", "application/x-npy", ".npy", npy.head, raw.float32, length=npy.length)
-_XYZ = PointFormat("xyz", "text/plain", ".xyz", xyz.head, xyz.body)
+_XYZ = PointFormat("xyz", "text/plain", ".xyz", xyz.head, xyz.body, is_text=True)
 _JSON = PointFormat(
     "json",
     "application/json",
@@ -50,6 +52,7 @@ _JSON = PointFormat(
     json.tail,
     max_points=json.MAX_POINTS,
     separator=json.SEPARATOR,
+    is_text=True,
 )
 _GLB = PointFormat(
     "glb",

@@ -8,12 +8,12 @@ from fastapi import APIRouter, Depends, Path, Query
 from starlette.requests import Request
 from starlette.responses import Response, StreamingResponse
 
-from service.caching import CACHE_CONTROL, etag, is_fresh
+from service.caching import CACHE_CONTROL, accepts_gzip, etag, is_fresh
 from service.errors import NotFound
 from service.formats import POINT_FORMATS, negotiate
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
 from service.ids import ID_DIGITS, imported_id
-from service.points import Cloud, check_size, stream
+from service.points import Cloud, check_size, gzipped, stream
 from service.runtime import Ready
 from service.sampler import SCALES
 from service.schemas import NoQuery, ObjectPage, PageQuery, PointsQuery, Problem, StoredObject, WeightsQuery
@@ -117,18 +117,22 @@ async def points(request: Request, id_: ObjectId, query: Annotated[PointsQuery, 
     check_size(fmt, query.n, runtime.settings.max_points)
     record, theta = await runtime.store.get(id_)
     cloud = query.cloud(record.spec, theta)
-    headers = _cached(etag(id_, fmt.name, query.n, query.seed, query.offset, query.scale, query.sampling)) | {
-        "Vary": "Accept"
-    }
-    if is_fresh(request.headers.get("if-none-match"), headers["ETag"]):
+    squeezed = fmt.is_text and accepts_gzip(request.headers.get("accept-encoding"))
+    tag = etag(id_, fmt.name, query.model_dump(exclude={"format"}), squeezed)
+    headers = _cached(tag) | {"Vary": "Accept, Accept-Encoding"}
+    if is_fresh(request.headers.get("if-none-match"), tag):
         return Response(status_code=304, headers=headers)
     headers |= _attachment(id_, fmt.extension)
     length = fmt.length(query.n)
     if length is not None:
         headers["Content-Length"] = str(length)
+    if squeezed:
+        headers["Content-Encoding"] = "gzip"
     if "hof.head" in request.scope:
         return Response(headers=headers, media_type=fmt.media_type)
     pieces = stream(fmt, cloud, runtime.run, ahead=runtime.settings.threads)
+    if squeezed:
+        pieces = gzipped(pieces, runtime.run)
     return StreamingResponse(pieces, headers=headers, media_type=fmt.media_type)
 
 
