@@ -1,6 +1,7 @@
 """The points of a running service: how fast, how soon, in how much memory. Over loopback, a real process."""
 
 import os
+import socket
 import subprocess
 import sys
 import tempfile
@@ -88,8 +89,6 @@ def _serving(core: int) -> Iterator[tuple[str, int]]:
 
 
 def _free_port() -> int:
-    import socket
-
     with socket.create_server(("127.0.0.1", 0)) as probe:
         port: int = probe.getsockname()[1]
     return port

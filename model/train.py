@@ -35,7 +35,7 @@ def train(data: Path, run: Path, config: TrainConfig) -> Path:
     """
     run.mkdir(parents=True, exist_ok=True)
     keep_freed_memory()
-    state = _State.resume(run) if (run / "last.pt").exists() else _State.start(config)
+    state = _State.resume(run) if (run / "last.pt").exists() else _State(config)
     examples = load_examples(data, "train", state.config.framing)
     validation = load_examples(data, "val", state.config.framing)
     budget_s = state.config.minutes * 60
@@ -77,10 +77,6 @@ class _State:
         self.optimizer = torch.optim.AdamW(
             self.encoder.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay, fused=True
         )
-
-    @classmethod
-    def start(cls, config: TrainConfig) -> "_State":
-        return cls(config)
 
     @classmethod
     def resume(cls, run: Path) -> "_State":

@@ -27,7 +27,8 @@ def draw(points: Array, size: int, azimuth: float = AZIMUTH_DEG, elevation: floa
     """
     image = np.full((size, size, 3), GROUND, np.uint8)
     flat = image.reshape(-1, 3)
-    x, y, depth = _camera(points, azimuth, elevation)
+    toward, right, up = camera_axes(azimuth, elevation)
+    x, y, depth = points @ right, points @ up, points @ toward
     shade = np.clip((depth + 0.7) / 1.4, 0, 1)[:, None]  # 1 is nearest
     colour = FAR + (NEAR - FAR) * shade
     order = np.argsort(depth)  # far to near: the last one written wins
@@ -41,10 +42,9 @@ def draw(points: Array, size: int, azimuth: float = AZIMUTH_DEG, elevation: floa
     return image
 
 
-def _camera(points: Array, azimuth: float, elevation: float) -> tuple[Array, Array, Array]:
-    """Right, up and toward coordinates of each point, (n,) each."""
+def camera_axes(azimuth: float, elevation: float) -> tuple[Array, Array, Array]:
+    """Unit vectors, object frame: from the object to the camera, the camera's right, its up (degrees in)."""
     a, e = math.radians(azimuth), math.radians(elevation)
-    toward = np.array([math.sin(a) * math.cos(e), math.sin(e), math.cos(a) * math.cos(e)])
-    right = np.array([math.cos(a), 0.0, -math.sin(a)])
-    up = np.cross(toward, right)
-    return points @ right, points @ up, points @ toward
+    toward = np.array([math.sin(a) * math.cos(e), math.sin(e), math.cos(a) * math.cos(e)], np.float32)
+    right = np.array([math.cos(a), 0, -math.sin(a)], np.float32)
+    return toward, right, np.cross(toward, right)

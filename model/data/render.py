@@ -12,6 +12,7 @@ from PIL import Image
 
 from model.data.meshes import MeshRecord, load_parts
 from model.data.surface import material_colour, material_image, sample_surface
+from service.picture import camera_axes
 
 VIEWS: Final = 24
 SIZE: Final = 128  # pixels
@@ -101,14 +102,6 @@ def _shoot(
     premultiplied = Image.frombytes("RGBa", shot.shape[1::-1], np.ascontiguousarray(shot).tobytes())
     small = premultiplied.resize((SIZE, SIZE), Image.Resampling.BOX)
     return np.asarray(small.convert("RGBA"))
-
-
-def camera_axes(azimuth: float, elevation: float) -> tuple[Floats, Floats, Floats]:
-    """Unit vectors, object frame: from the object to the camera, the camera's right, its up (degrees in)."""
-    a, e = math.radians(azimuth), math.radians(elevation)
-    toward = np.array([math.sin(a) * math.cos(e), math.sin(e), math.cos(a) * math.cos(e)], np.float32)
-    right = np.array([math.cos(a), 0, -math.sin(a)], np.float32)
-    return toward, right, np.cross(toward, right)
 
 
 def _light(plotter: pyvista.Plotter, toward: Floats, right: Floats, up: Floats, rng: np.random.Generator) -> None:
