@@ -12,7 +12,7 @@ from benchmarks.networks import Network
 from benchmarks.rivals import Evaluate, Make
 from service.mapping import Array
 
-TILES: Final = (128, 512, 1024, 4096, 16_384)
+TILES: Final = (128, 256, 512, 1024, 4096, 16_384)
 SEARCH_FLOPS: Final = 4e9  # of one timed run of the search
 SEARCH_RUNS: Final = 3
 

@@ -1,25 +1,28 @@
 """Canonical points: uniform samples of the canonical domain X, drawn by counter.
 
-Point i of a seed is the same whether it is drawn alone, as one of a million or from an offset. Points
-are made in blocks of `BLOCK` that start at multiples of it, so every NumPy call sees the same shapes and
-a point's bits never depend on what is drawn with it.
+Point i of a seed is the same whether it is drawn alone, as one of a million or from an offset. NumPy is
+always called with whole vectors, which start at multiples of `ALIGN`, so that a point's bits never depend
+on what is drawn with it.
 
 Each point starts as four numbers in [0, 1): independent ones (NumPy's Philox, keyed by the seed), or a
 Sobol sequence, which covers the domain more evenly.
 """
 
+import functools
 import math
 from typing import Final, Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from service import kernel
 from service.errors import InvalidParameter
 from service.mapping import DOMAIN_DIMS, Array, Domain
 
 Sampling = Literal["uniform", "sobol"]
 
-BLOCK: Final = 4096  # points; a power of two
+BLOCK: Final = 4096  # points made at a time; a power of two, so that they stay in the L2 cache
+ALIGN: Final = 64  # points; whole vectors on any processor
 MAX_SEED: Final = 2**64 - 1
 MAX_INDEX: Final[dict[Sampling, int]] = {"uniform": 2**63, "sobol": 2**32}  # of a point
 _LANES: Final = 4
@@ -49,12 +52,7 @@ def canonical_points(domain: Domain, n: int, seed: int = 0, offset: int = 0, sam
     InvalidParameter : n, seed or offset is out of range.
     """
     check_range(n, seed, offset, sampling)
-    stop = offset + n
-    points = np.empty((n, DOMAIN_DIMS[domain]), np.float32)
-    for first in range(offset // BLOCK * BLOCK, stop, BLOCK):
-        begin, end = max(first, offset), min(first + BLOCK, stop)
-        points[begin - offset : end - offset] = block(domain, seed, first, sampling)[:, begin - first : end - first].T
-    return points
+    return np.ascontiguousarray(span(domain, seed, offset, offset + n, sampling).T)
 
 
 def check_range(n: int, seed: int, offset: int, sampling: Sampling = "uniform") -> None:
@@ -68,48 +66,73 @@ def check_range(n: int, seed: int, offset: int, sampling: Sampling = "uniform") 
         raise InvalidParameter(f"offset must lie in 0 to 2**{limit} - n with {sampling} sampling", field="offset")
 
 
-def block(domain: Domain, seed: int, first: int, sampling: Sampling = "uniform") -> Array:
-    """Canonical points [first, first + BLOCK), `first` a multiple of BLOCK: (d, BLOCK) float32."""
-    u = _uniform(seed, first) if sampling == "uniform" else _sobol(seed, first)
+def span(domain: Domain, seed: int, start: int, stop: int, sampling: Sampling = "uniform") -> Array:
+    """Canonical points [start, stop), arguments as `check_range` allows them: (d, stop - start) float32."""
+    points = np.empty((DOMAIN_DIMS[domain], stop - start), np.float32)
+    for first in range(start // BLOCK * BLOCK, stop, BLOCK):
+        low = max(first, start) // ALIGN * ALIGN
+        high = -(-min(first + BLOCK, stop) // ALIGN) * ALIGN
+        begin, end = max(low, start), min(high, stop)
+        u = _uniform(seed, low, high) if sampling == "uniform" else _sobol(seed, low, high)
+        points[:, begin - start : end - start] = _place(domain, u)[:, begin - low : end - low]
+    return points
+
+
+def _place(domain: Domain, u: Array) -> Array:
+    """Four numbers in [0, 1) for each point, (4, n) -> points of the domain, (d, n)."""
     if domain == "cube":
         return 2 * u[:3] - 1
     radius: Array  # u ** (1 / d): uniform in volume
     if domain == "ball4":
         radius = np.sqrt(np.sqrt(u[0]))
         return radius * _direction4(u[1], u[2], u[3])
-    radius = np.ones_like(u[0]) if domain == "sphere" else np.cbrt(u[0])
-    return radius * _direction3(u[1], u[2])
+    direction = _direction3(u[1], u[2])
+    if domain == "ball":
+        direction *= np.cbrt(u[0])
+    return direction
 
 
-def _uniform(seed: int, first: int) -> Array:
-    """Four uniform numbers in [0, 1) for each of BLOCK points from `first` on: (4, BLOCK) float32.
+def _uniform(seed: int, low: int, high: int) -> Array:
+    """Four uniform numbers in [0, 1) for each of the points [low, high): (4, high - low) float32.
 
     NumPy's Philox 4x64, keyed by the seed: one step of its counter makes two points.
     """
-    raw = np.random.Philox(key=seed, counter=first // 2).random_raw(2 * BLOCK)
-    words: npt.NDArray[np.uint32] = raw.astype("<u8", copy=False).view("<u4").reshape(BLOCK, _LANES)
+    compiled = kernel.load()
+    if compiled is not None:
+        u = np.empty((_LANES, high - low), np.float32)
+        compiled.uniform(np.uint64(seed), low // 2, u)
+        return u
+    raw = np.random.Philox(key=seed, counter=low // 2).random_raw(2 * (high - low))
+    words: npt.NDArray[np.uint32] = raw.astype("<u8", copy=False).view("<u4").reshape(-1, _LANES)
     return _unit(words.T)
 
 
-def _sobol(seed: int, first: int) -> Array:
-    """Numbers [first, first + BLOCK) of the four-dimensional Sobol sequence, (4, BLOCK) float32 in [0, 1).
+def _sobol(seed: int, low: int, high: int) -> Array:
+    """Numbers [low, high) of the four-dimensional Sobol sequence, within one block: (4, high - low) float32.
 
     The sequence in Gray code order: index i is the exclusive or of the direction numbers of the bits of
     i ^ (i >> 1). Within a block only the low bits differ, so the rest is one shift of them all; the
     seed's random digital shift (which leaves the evenness as it is) is another.
     """
-    directions = _directions()
-    low = np.zeros((_LANES, 1), np.uint32)
-    for bit in range(BLOCK.bit_length() - 1):  # i = 0 .. 2 ** bit - 1, then the same from the end with this bit
-        low = np.concatenate([low, low[:, ::-1] ^ directions[:, bit, None]], axis=1)
+    first = low // BLOCK * BLOCK
     gray = first ^ (first >> 1)
     shift = np.random.Philox(key=seed).random_raw(_LANES).astype(np.uint32)  # the low 32 bits of each
     for bit in range(_BITS):
         if gray >> bit & 1:
-            shift = shift ^ directions[:, bit]
-    return _unit(low ^ shift[:, None])
+            shift = shift ^ _directions()[:, bit]
+    return _unit(_sobol_block()[:, low - first : high - first] ^ shift[:, None])
 
 
+@functools.cache
+def _sobol_block() -> npt.NDArray[np.uint32]:
+    """The sequence's first BLOCK indices, (4, BLOCK)."""
+    low = np.zeros((_LANES, 1), np.uint32)
+    for bit in range(BLOCK.bit_length() - 1):  # i = 0 .. 2 ** bit - 1, then the same from the end with this bit
+        low = np.concatenate([low, low[:, ::-1] ^ _directions()[:, bit, None]], axis=1)
+    return low
+
+
+@functools.cache
 def _directions() -> npt.NDArray[np.uint32]:
     """Sobol's direction numbers, (dimensions, bits)."""
     table = [[1] * _BITS]  # the first dimension: van der Corput's
@@ -126,18 +149,26 @@ def _directions() -> npt.NDArray[np.uint32]:
 
 def _unit(words: npt.NDArray[np.uint32]) -> Array:
     """The upper 24 bits, which float32 holds, as numbers in [0, 1); contiguous."""
-    return np.ascontiguousarray((words >> np.uint32(8)).astype(np.float32) * np.float32(2**-24))
+    bits = np.right_shift(words, np.uint32(8), out=np.empty(words.shape, np.uint32))
+    u = bits.view(np.int32).astype(np.float32)  # from signed ones it is faster
+    u *= np.float32(2**-24)
+    return u
 
 
 def _direction3(u: Array, v: Array) -> Array:
-    """Uniform on the sphere S^2, (3, BLOCK): cos(polar angle) = 1 - 2u, azimuth = 2 pi v."""
+    """Uniform on the sphere S^2, (3, n): cos(polar angle) = 1 - 2u, azimuth = 2 pi v."""
     azimuth = np.float32(2 * math.pi) * v
+    direction = np.empty((3, len(u)), np.float32)
+    x, y, z = direction
+    np.subtract(1, 2 * u, out=z)
     radius = 2 * np.sqrt(u * (1 - u))  # the polar angle's sine
-    return np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth), 1 - 2 * u])
+    np.multiply(radius, np.cos(azimuth), out=x)
+    np.multiply(radius, np.sin(azimuth), out=y)
+    return direction
 
 
 def _direction4(u: Array, v: Array, w: Array) -> Array:
-    """Uniform on the sphere S^3, (4, BLOCK) (Shoemake, "Uniform random rotations", Graphics Gems III)."""
+    """Uniform on the sphere S^3, (4, n) (Shoemake, "Uniform random rotations", Graphics Gems III)."""
     a, b = np.float32(2 * math.pi) * v, np.float32(2 * math.pi) * w
     near, far = np.sqrt(1 - u), np.sqrt(u)
     return np.stack([near * np.sin(a), near * np.cos(a), far * np.sin(b), far * np.cos(b)])

@@ -5,18 +5,19 @@ import zlib
 from collections import deque
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Final, TypeVar
 
 import numpy as np
 
-from service.canonical import BLOCK, Sampling, check_range
+from service.canonical import Sampling, check_range
 from service.errors import InvalidParameter
 from service.formats import PointFormat
 from service.mapping import Array, MappingSpec
-from service.sampler import sample
+from service.sampler import CHUNK, Sampler
 
-FIRST_PART: Final = BLOCK  # points; small, so that the first byte comes soon
-PART: Final = 16 * BLOCK
+FIRST_PART: Final = CHUNK // 16  # points; few, so that the first byte comes soon
+PART: Final = CHUNK
 
 Part = tuple[int, int]  # index of the first point, counted from the cloud's first; how many
 Run = Callable[..., Awaitable[Any]]
@@ -30,7 +31,7 @@ class Cloud:
     Parameters
     ----------
     word : the k thetas, the last one applied first; ``(theta,) * k`` for an encoded object.
-    n, seed, offset, scale, sampling : as in `sampler.sample`.
+    n, seed, offset, scale, sampling : as in `Sampler.points`.
 
     Raises
     ------
@@ -48,28 +49,23 @@ class Cloud:
     def __post_init__(self) -> None:
         check_range(self.n, self.seed, self.offset, self.sampling)
 
+    @cached_property
+    def sampler(self) -> Sampler:
+        """The object's functions, packed once for all parts."""
+        return Sampler(self.spec, self.word)
+
     def parts(self) -> Iterator[Part]:
-        """All points in order; parts end at multiples of BLOCK of the whole sequence: no work is done twice."""
+        """All points in order."""
         start, size = 0, FIRST_PART
         while start < self.n:
-            end = min((self.offset + start + size) // BLOCK * BLOCK - self.offset, self.n)
-            yield start, end - start
-            start, size = end, PART
+            yield start, min(size, self.n - start)
+            start, size = start + size, PART
 
     def points(self, part: Part) -> Array:
         """Points of a part, (count, 3) float32, object frame times `scale` (paper, eq. 4)."""
         start, count = part
-        (found,) = sample(
-            self.spec,
-            self.word,
-            count,
-            seed=self.seed,
-            offset=self.offset + start,
-            scale=self.scale,
-            sampling=self.sampling,
-            chunk=count,
-        )
-        return found
+        offset = self.offset + start
+        return self.sampler.points(count, seed=self.seed, offset=offset, scale=self.scale, sampling=self.sampling)
 
     def chunks(self) -> Iterator[Array]:
         """The points of each part, one after another."""

@@ -153,7 +153,7 @@ def test_a_setting_lowers_the_most_points(settings: Settings, photo: bytes) -> N
 
 def test_head_computes_nothing(client: httpx.Client, path: str, monkeypatch: pytest.MonkeyPatch) -> None:
     get = client.get(path)
-    monkeypatch.setattr(points_module, "sample", None)  # would fail
+    monkeypatch.setattr(points_module, "Sampler", None)  # would fail
     head = client.head(path)
     assert (head.status_code, head.content) == (200, b"")
     for name in ("content-type", "content-length", "content-disposition"):
@@ -211,13 +211,12 @@ def test_the_names_in_the_schema_are_those_of_the_formats() -> None:
 
 @pytest.mark.parametrize("offset", [0, 1, 4095, 4096, 100_001])
 @pytest.mark.parametrize("n", [1, 4096, 4097, 70_000, 200_000])
-def test_parts_cover_the_cloud_once_and_end_at_blocks(n: int, offset: int) -> None:
+def test_parts_cover_the_cloud_once(n: int, offset: int) -> None:
     spec = MappingSpec("small", 3, (4,), 3)
     parts = list(Cloud(spec, (initial_theta(spec),), n, offset=offset).parts())
     ends = [start + count for start, count in parts]
     assert [start for start, _ in parts] == [0, *ends[:-1]]
     assert ends[-1] == n
-    assert all((offset + end) % 4096 == 0 for end in ends[:-1])
     assert all(0 < count <= PART for _, count in parts)
     assert parts[0][1] <= FIRST_PART
 

@@ -10,14 +10,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from service import kernel
+from service import folding, kernel
 from service.canonical import BLOCK, canonical_points
 from service.errors import CorruptWeights, InvalidParameter, InvalidSpec
-from service.mapping import HOF_1, HOF_3, Array, MappingSpec, compose, initial_theta
-from service.sampler import SMALL_TILES, TILE, bounds, sample, tile_size
+from service.folding import CompiledFold, Fold, NumpyFold
+from service.mapping import HOF_1, HOF_3, Array, Domain, MappingSpec, apply, compose, initial_theta
+from service.sampler import CHUNK, bounds, sample
 
 SMALL = MappingSpec("small", 3, (16,), 3)
-WIDE = MappingSpec("wide", 3, (256, 256), 3)  # no tile of it stays within one BLAS thread
+WIDE = MappingSpec("wide", 3, (256, 256), 3)
 
 
 @pytest.fixture(params=["numpy", "fast"], autouse=True, scope="module")
@@ -74,7 +75,7 @@ def test_the_last_function_of_a_word_is_applied_first() -> None:
 @pytest.mark.parametrize("spec", [SMALL.with_k(2), HOF_1, HOF_3, WIDE], ids=lambda spec: spec.name)
 @given(
     n=st.integers(1, 3 * BLOCK // 2),
-    offset=st.integers(0, 3 * BLOCK) | st.integers(0, 2**40),
+    offset=st.integers(0, 5 * BLOCK) | st.integers(0, 2**40),  # whole networks, folded ones and both
     chunk=st.integers(100, 2 * BLOCK),
     data=st.data(),
 )
@@ -99,18 +100,58 @@ def test_chunks_are_bounded_and_make_n_points(n: int, offset: int, chunk: int) -
 
 
 @pytest.mark.parametrize("width", [1, 5, 16, 1000, 1024])
-def test_the_kernel_agrees_with_the_reference(width: int) -> None:
-    spec = MappingSpec("one layer", 3, (width,), 3, k=2)
-    assert kernel.fits(spec)
-    word = thetas(spec)
-    expected = compose(spec, word, canonical_points("ball", 1000))
-    np.testing.assert_allclose(cloud(spec, word, 1000), expected, atol=1e-5 * np.abs(expected).max())
+@pytest.mark.parametrize("domain", ["ball", "sphere", "cube"])
+def test_folded_networks_agree_with_the_reference(width: int, domain: Domain) -> None:
+    spec = MappingSpec("one layer", 3, (width,), 3, domain=domain, k=3)
+    word, n = thetas(spec), CHUNK
+    expected = compose(spec, word, canonical_points(domain, n, offset=n))
+    points = cloud(spec, word, n, offset=n)
+    np.testing.assert_allclose(points, expected, atol=1e-5 * np.abs(expected).max())
 
 
-def test_the_kernel_leaves_other_networks_alone() -> None:
-    assert not kernel.fits(HOF_3)
-    assert not kernel.fits(MappingSpec("tanh", 3, (8,), 3, "tanh"))
-    assert not kernel.fits(MappingSpec("four", 4, (8,), 3, domain="ball4"))
+def test_a_fold_is_exact_inside_its_box_and_whole_outside() -> None:
+    spec, box = HOF_1, np.ones(3)
+    theta = initial_theta(spec)
+    fold = Fold(spec, theta, -box, box, 5)
+    x = np.random.default_rng(0).uniform(-2, 2, (3, 5_000)).astype(np.float32)
+    expected = apply(spec, theta, np.ascontiguousarray(x.T)).T
+    compiled = kernel.load()
+    evaluate = CompiledFold(fold, compiled) if compiled else NumpyFold(fold)
+    np.testing.assert_allclose(evaluate.map(x), expected, atol=2e-6 * np.abs(expected).max())
+    outside = (np.abs(x) > 1).any(axis=0)
+    assert 0 < outside.mean() < 1
+    np.testing.assert_array_equal(fold.cells(x) == 5**3, outside)
+
+
+def test_a_fold_leaves_few_units_to_a_cell() -> None:
+    box = np.ones(3)
+    fold = Fold(HOF_1, initial_theta(HOF_1), -box, box, 8)
+    assert fold.crossing[:-1].mean() < 0.25
+    assert fold.crossing[-1].all()
+
+
+def test_only_networks_of_one_hidden_layer_of_relus_in_space_are_folded() -> None:
+    assert folding.fits(HOF_1)
+    assert not folding.fits(HOF_3)
+    assert not folding.fits(MappingSpec("tanh", 3, (8,), 3, "tanh"))
+    assert not folding.fits(MappingSpec("four", 4, (8,), 3, domain="ball4"))
+
+
+def test_a_constant_function_can_be_folded() -> None:
+    spec = SMALL.with_k(2)
+    theta = initial_theta(spec) * 0
+    theta[-3:] = [1, 2, 3]  # the output's bias
+    np.testing.assert_array_equal(cloud(spec, [theta, theta], 10, offset=CHUNK), np.tile([1, 2, 3], (10, 1)))
+
+
+def test_points_beyond_float32_on_the_way_are_noticed() -> None:
+    """They must not be lost in a comparison, nor sorted into a cell that there is not."""
+    spec = SMALL.with_k(2)
+    large = initial_theta(spec)
+    large[-51:] = 3e38
+    for offset in (0, CHUNK):
+        with pytest.raises(CorruptWeights):
+            cloud(spec, [initial_theta(spec), large], 1_000, offset=offset)
 
 
 def test_seed_changes_the_points() -> None:
@@ -180,14 +221,6 @@ def test_bad_arguments_are_refused_before_the_first_chunk(change: dict[str, Any]
 def test_a_theta_that_does_not_fit_is_refused_before_the_first_chunk() -> None:
     with pytest.raises(InvalidSpec):
         sample(SMALL, [np.zeros(7, np.float32)], 10)
-
-
-def test_tiles_stay_within_one_thread_and_divide_a_block() -> None:
-    assert tile_size(HOF_1) == TILE
-    assert tile_size(HOF_3) == 32
-    assert tile_size(WIDE) == TILE
-    assert all(BLOCK % size == 0 for size in (TILE, *SMALL_TILES, kernel.TILE))
-    assert kernel.TILE % 4 == 0
 
 
 def test_bounds() -> None:
