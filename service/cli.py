@@ -18,6 +18,7 @@ from service.errors import HofError, InvalidParameter
 from service.formats import POINT_FORMATS, PointFormat, write
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
 from service.images import Background, preprocess
+from service.matting import Matting
 from service.points import check_size
 from service.schemas import EncodeQuery, PointsQuery
 from service.settings import POINTS_CEILING, Settings
@@ -61,7 +62,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_sampling(encode)
     encode.add_argument("--background", choices=get_args(Background), help="as in the API; default: auto")
     encode.add_argument("--foreground-ratio", type=float, help="as in the API; default: the model's")
-    _add_settings(encode, only={"model", "threads"})
+    _add_settings(encode, only={"model", "matting_model", "threads"})
     encode.set_defaults(run=_encode)
 
     sample = commands.add_parser("sample", help="a weights file to points", description=_sample.__doc__)
@@ -123,6 +124,7 @@ def _serve(arguments: argparse.Namespace) -> None:
     settings = _settings(arguments)
     # What the server could not start with ends here in one line, not in its traceback.
     Encoder.open(settings.model, settings.threads)
+    Matting.of(settings.matting_model, settings.threads)
     asyncio.run(_check_store(settings.database_url))
     app = create_app(settings)
     uvicorn.run(app, host=settings.host, port=settings.port, log_level=settings.log_level, lifespan="on", ws="none")
@@ -144,7 +146,9 @@ def _encode(arguments: argparse.Namespace) -> None:
     framing = encoder.framing
     if query.foreground_ratio is not None:
         framing = replace(framing, foreground_ratio=query.foreground_ratio)
-    framed = preprocess(arguments.photo.read_bytes(), framing, query.background, settings.max_image_pixels)
+    matting = Matting.of(settings.matting_model, settings.threads)
+    photo = arguments.photo.read_bytes()
+    framed = preprocess(photo, framing, query.background, settings.max_image_pixels, matting)
     weights = Weights(encoder.spec, encoder.encode(framed.tensor)[0], encoder.name)
     if as_weights:
         _write(arguments.output, [dump(weights, "safetensors")])

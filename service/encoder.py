@@ -27,7 +27,7 @@ class Encoder:
     """
 
     def __init__(self, data: bytes, threads: int) -> None:
-        self._session = _session(data, threads)
+        self._session = open_session(data, threads)
         metadata = self._session.get_modelmeta().custom_metadata_map
         self.spec: Final = _spec(metadata)
         self.framing: Final = _framing(metadata)
@@ -80,10 +80,15 @@ class Encoder:
         _check_tensor("output", self._session.get_outputs(), "theta", [self.spec.size])
 
 
-def _session(data: bytes, threads: int) -> ort.InferenceSession:
+def open_session(data: bytes, threads: int, *, arena: bool = True) -> ort.InferenceSession:
+    """An ONNX file's bytes as a session on so many threads that sleep between calls.
+
+    Without `arena` the memory of a call goes back to the system after it. Raises InvalidModel.
+    """
     options = ort.SessionOptions()
     options.intra_op_num_threads = threads  # onnxruntime's own guess ignores CPU quotas
     options.inter_op_num_threads = 1
+    options.enable_cpu_mem_arena = arena
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     try:
         return ort.InferenceSession(data, options, providers=["CPUExecutionProvider"])

@@ -10,15 +10,15 @@ from service.mapping import Array, MappingSpec
 ID_DIGITS: Final = 32  # hexadecimal: 128 bits
 
 
-def encoded_id(image: bytes, mask: Mask, foreground_ratio: float, model_digest: str) -> str:
-    """Id of an encoded object: its image's bytes, how it was framed, and the model file."""
+def encoded_id(image: bytes, mask: Mask, foreground_ratio: float, *model_digests: str) -> str:
+    """Id of an encoded object: its image's bytes, how it was framed, and every model file that had a part in it."""
     return _digest(
         "encoded",
         {
             "image": hashlib.sha256(image).hexdigest(),
             "mask": mask,
             "foreground_ratio": foreground_ratio,
-            "model": model_digest,
+            "model": " ".join(model_digests),
         },
     )
 

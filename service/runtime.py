@@ -1,4 +1,4 @@
-"""What every request needs and the application opens once: settings, encoder, store, worker threads."""
+"""What every request needs and the application opens once: settings, models, store, worker threads."""
 
 import asyncio
 from collections.abc import Callable
@@ -11,6 +11,7 @@ from starlette.requests import Request
 
 from service.encoder import Encoder
 from service.errors import NotReady
+from service.matting import Matting
 from service.settings import Settings
 from service.store import Store
 
@@ -20,10 +21,11 @@ R = TypeVar("R")
 
 @dataclass(frozen=True)
 class Runtime:
-    """The opened parts of a running service."""
+    """The opened parts of a running service; `matting` is None where no such model is set."""
 
     settings: Settings
     encoder: Encoder
+    matting: Matting | None
     store: Store
     executor: Executor
 

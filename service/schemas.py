@@ -35,8 +35,9 @@ class EncodeQuery(NoQuery):
     store: bool = Field(default=True, description="keep the object; `false` returns its weights and keeps nothing")
     background: Background = Field(
         default="auto",
-        description="`auto` removes the background where transparency or a uniform border tells it; `keep` takes "
-        "the image as it is; `remove` insists: 422 where nothing tells it",
+        description="`auto` removes the background: by transparency, else by a uniform border, else by matting where "
+        "the service has a model for it, else not; `keep` takes the image as it is; `remove` insists: 422 where "
+        "nothing tells the background",
     )
     foreground_ratio: float | None = Field(
         default=None,
@@ -140,9 +141,16 @@ class StoredObject(BaseModel):
 class ImageReport(BaseModel):
     """How the image was understood."""
 
-    mask: Mask = Field(description="what told the object from its background")
+    mask: Mask = Field(
+        description="what told the object from its background: transparency, a uniform border, matting or nothing"
+    )
     box: tuple[int, int, int, int] = Field(
         description="left, top, right, bottom of the object, pixels of the upright image", examples=[[40, 12, 480, 502]]
+    )
+    confidence: Annotated[float, Field(ge=0, le=1)] | SkipJsonSchema[None] = Field(
+        default=None,
+        description="of the mask: its mean, weighted by itself; 1 where every pixel is either object or background. "
+        "Absent where the mask is `none`",
     )
     width: int = Field(description="of the upright image, pixels")
     height: int = Field(description="of the upright image, pixels")
@@ -150,7 +158,8 @@ class ImageReport(BaseModel):
     @classmethod
     def of(cls, framed: Framed) -> "ImageReport":
         """The report of a framed image."""
-        return cls(mask=framed.mask, box=framed.box, width=framed.width, height=framed.height)
+        confidence = None if framed.confidence is None else round(framed.confidence, 3)
+        return cls(mask=framed.mask, box=framed.box, confidence=confidence, width=framed.width, height=framed.height)
 
 
 Weights64 = Annotated[str, Field(description="theta: base64 of its float32 numbers, little-endian")]

@@ -34,6 +34,12 @@ def default_database_url() -> str:
     return f"sqlite:///{platformdirs.user_data_path('hof') / 'hof.db'}"
 
 
+def default_matting_model() -> Path | None:
+    """u2netp.onnx in the folder that rembg's variable U2NET_HOME names; None where it is not set."""
+    home = os.environ.get("U2NET_HOME")
+    return Path(home) / "u2netp.onnx" if home else None
+
+
 class Settings(BaseSettings):
     """Read once at start, from keyword arguments first, then from HOF_* variables, and passed in."""
 
@@ -46,6 +52,11 @@ class Settings(BaseSettings):
         description="where objects are kept: sqlite:///PATH or postgresql://...; default: the user's data folder",
     )
     model: Path = Field(default=SHIPPED_MODEL, description="the image encoder, an ONNX file of hof-model export")
+    matting_model: Path | None = Field(
+        default_factory=default_matting_model,
+        description="U2-Net, an ONNX file that tells objects from any background; default: u2netp.onnx in "
+        "`U2NET_HOME`, else none",
+    )
     max_image_bytes: int = Field(default=20 * MIB, ge=1, description="largest image accepted, bytes")
     max_image_pixels: int = Field(default=DEFAULT_MAX_PIXELS, ge=1, description="largest image accepted, pixels in all")
     max_weights_bytes: int = Field(default=8 * MIB, ge=1, description="largest weights file accepted, bytes")

@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -20,6 +21,19 @@ from service.settings import Settings
 @pytest.fixture(scope="session")
 def model_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tiny_model.build(tmp_path_factory.mktemp("model") / "tiny-k2.onnx")
+
+
+@pytest.fixture(autouse=True)
+def _no_matting_unless_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("U2NET_HOME", raising=False)
+
+
+@pytest.fixture(scope="session")
+def u2net_home() -> Path:
+    """The folder of u2netp.onnx."""
+    home = Path(sys.prefix) / "u2net" / "rembg"
+    assert (home / "u2netp.onnx").is_file(), "`make test` gets u2netp.onnx"
+    return home
 
 
 @pytest.fixture

@@ -49,6 +49,18 @@ def test_options_of_encode_reach_the_framing(here: Path) -> None:
     assert len(set(thetas)) == 3
 
 
+def test_encode_takes_matting_where_u2net_home_tells(
+    here: Path, u2net_home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    photo = str(Path(__file__).parents[1] / "demo" / "coffee.jpg")
+    assert main(["encode", photo, "-o", "whole.safetensors"]) == 0
+    assert main(["encode", photo, "-o", "refused.safetensors", "--background", "remove"]) == 2
+    monkeypatch.setenv("U2NET_HOME", str(u2net_home))
+    assert main(["encode", photo, "-o", "object.safetensors", "--background", "remove"]) == 0
+    thetas = [load((here / f"{name}.safetensors").read_bytes()).theta for name in ("whole", "object")]
+    assert np.abs(thetas[0] - thetas[1]).max() > 1e-3
+
+
 def test_info_tells_what_a_weights_file_holds(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     main(["encode", "photo.png", "-o", "out.safetensors"])
     assert main(["info", "out.safetensors"]) == 0
@@ -84,6 +96,8 @@ def test_openapi_prints_the_committed_schema(capsys: pytest.CaptureFixture[str])
         ("info photo.png", "hof: "),
         ("serve --port 70000", "port: "),
         ("serve --model nothere.onnx", "nothere.onnx"),
+        ("serve --matting-model nothere.onnx", "cannot read the matting model nothere.onnx: No such file"),
+        ("encode photo.png -o out.ply --matting-model photo.png", "the matting model photo.png is unusable"),
         ("serve --database-url nonsense", "the database URL is none"),
         ("serve --database-url nosuch://user:secret@db/x", "cannot open the database nosuch://user:***@db/x"),
         ("serve --database-url sqlite:///photo.png", "cannot open the database sqlite:///photo.png: file is not"),
@@ -121,12 +135,15 @@ def test_a_write_that_fails_leaves_the_old_file(here: Path, monkeypatch: pytest.
     assert (here / "out.ply").read_text() == "old"
 
 
-def test_every_setting_is_a_flag_of_serve(monkeypatch: pytest.MonkeyPatch, model_path: Path, tmp_path: Path) -> None:
+def test_every_setting_is_a_flag_of_serve(
+    monkeypatch: pytest.MonkeyPatch, model_path: Path, u2net_home: Path, tmp_path: Path
+) -> None:
     values = {
         "host": "::1",
         "port": 1,
         "database_url": f"sqlite:///{tmp_path / 'x.db'}",
         "model": model_path,
+        "matting_model": u2net_home / "u2netp.onnx",
         "max_image_bytes": 2,
         "max_image_pixels": 3,
         "max_weights_bytes": 4,

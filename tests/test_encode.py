@@ -35,7 +35,7 @@ def test_a_photo_becomes_an_object(client: httpx.Client, photo: bytes) -> None:
     assert answer.headers["location"] == made["links"]["self"] == f"/objects/{made['id']}"
     assert len(made["id"]) == 32
     assert (made["kind"], made["model"], made["bytes"]) == ("encoded", "tiny-k2", 4 * tiny_model.SPEC.size)
-    assert made["image"] == {"mask": "border", "box": [40, 30, 81, 71], "width": 120, "height": 90}
+    assert made["image"] == {"mask": "border", "box": [40, 30, 81, 71], "confidence": 1, "width": 120, "height": 90}
     assert made["links"].keys() == {"self", "points", "weights"}
     assert "weights" not in made
     kept = client.get(answer.headers["location"]).json()
@@ -173,9 +173,13 @@ def test_bad_parameters_are_named_and_nothing_is_stored(
 def test_an_insisted_removal_that_cannot_be_done_is_refused(client: httpx.Client) -> None:
     noise = np.random.default_rng(0).integers(0, 255, (64, 64, 3), np.uint8)
     photo = image_file(Image.fromarray(noise))
-    assert client.post("/encode?background=remove", content=photo).status_code == 422
+    refused = client.post("/encode?background=remove", content=photo)
+    assert refused.status_code == 422
+    assert [error["field"] for error in refused.json()["errors"]] == ["background"]
+    assert "U2NET_HOME" in refused.json()["detail"]
     made = client.post("/encode", content=photo)
-    assert (made.status_code, made.json()["image"]["mask"]) == (201, "none")
+    assert made.status_code == 201
+    assert made.json()["image"] == {"mask": "none", "box": [0, 0, 64, 64], "width": 64, "height": 64}
 
 
 def _connect(server: Server) -> socket.socket:

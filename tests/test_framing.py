@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image, ImageDraw
 
-from service.errors import NoObjectFound
+from service.errors import InvalidParameter, NoObjectFound
 from service.images import Background, Framing, preprocess
 
 FRAMING = Framing(size=64, foreground_ratio=0.85)
@@ -98,6 +98,17 @@ def test_large_photos_are_reported_in_their_own_pixels(kind: str) -> None:
     np.testing.assert_allclose(framed.box, (1000, 600, 3000, 2400), atol=8)
 
 
+@pytest.mark.parametrize(("alpha", "confidence"), [(255, 1.0), (102, 0.4)])
+def test_confidence_is_the_mean_of_the_matte_weighted_by_itself(alpha: int, confidence: float) -> None:
+    image = Image.new("RGBA", (100, 80), (255, 0, 0, 0))
+    ImageDraw.Draw(image).rectangle((20, 10, 79, 39), fill=(0, 0, 255, alpha))
+    assert preprocess(image_file(image), FRAMING).confidence == pytest.approx(confidence)
+
+
+def test_without_a_mask_there_is_no_confidence() -> None:
+    assert preprocess(image_file(disc()), FRAMING, "keep").confidence is None
+
+
 def test_a_small_share_makes_no_huge_crop(monkeypatch: pytest.MonkeyPatch) -> None:
     image = Image.new("RGBA", (1024, 1024), "black")
     image.putpixel((0, 0), (0, 0, 0, 0))
@@ -150,5 +161,5 @@ def test_one_pixel_that_is_kept_fills_the_input() -> None:
 def test_a_busy_border_leaves_the_image_whole_and_cannot_be_removed() -> None:
     noise = Image.fromarray(np.random.default_rng(0).integers(0, 255, (64, 64, 3), np.uint8))
     assert preprocess(image_file(noise), FRAMING).mask == "none"
-    with pytest.raises(NoObjectFound, match="cannot be removed"):
+    with pytest.raises(InvalidParameter, match="cannot be removed"):
         preprocess(image_file(noise), FRAMING, "remove")

@@ -19,7 +19,15 @@ def test_defaults_serve_this_machine_only_with_the_shipped_model_and_a_private_s
     assert settings.model == Path(module.__file__).parents[1] / "model" / "weights" / "hof1-k2.onnx"
     assert settings.database_url.startswith("sqlite:///")
     assert settings.database_url.endswith("hof/hof.db")
+    assert settings.matting_model is None
     assert settings.threads == available_cpus()
+
+
+def test_the_matting_model_is_looked_for_where_rembg_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("U2NET_HOME", "/models")
+    assert Settings().matting_model == Path("/models/u2netp.onnx")
+    monkeypatch.setenv("HOF_MATTING_MODEL", "other.onnx")
+    assert Settings().matting_model == Path("other.onnx")
 
 
 def test_environment_sets_every_field(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -28,6 +36,7 @@ def test_environment_sets_every_field(monkeypatch: pytest.MonkeyPatch) -> None:
         "port": 9,
         "database_url": "sqlite:///x.db",
         "model": Path("m.onnx"),
+        "matting_model": Path("u.onnx"),
         "max_image_bytes": 1,
         "max_image_pixels": 2,
         "max_weights_bytes": 3,

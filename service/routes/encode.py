@@ -66,8 +66,8 @@ async def encode(
 ) -> EncodedObject | EncodedWeights:
     """Turn the photo of one object into a mapping function, and keep it.
 
-    The id is a digest of the image's bytes, how it was framed, and the model: a repeat answers 200 with
-    the same object and costs no inference.
+    The id is a digest of the image's bytes, how it was framed, and the models: a repeat answers 200 with
+    the same object and costs no inference; mattes are remembered for the last photos.
     """
     encoder, settings = runtime.encoder, runtime.settings
     if query.model not in (None, encoder.name):
@@ -76,7 +76,7 @@ async def encode(
     framing = encoder.framing
     if query.foreground_ratio is not None:
         framing = replace(framing, foreground_ratio=query.foreground_ratio)
-    framed = await runtime.run(preprocess, image, framing, query.background, settings.max_image_pixels)
+    framed = await runtime.run(preprocess, image, framing, query.background, settings.max_image_pixels, runtime.matting)
     if not query.store:
         return _weights(runtime, framed, await _infer(runtime, framed))
     record, theta, created = await _put(runtime, image, framing, framed)
@@ -89,7 +89,10 @@ async def encode(
 async def _put(runtime: Runtime, image: bytes, framing: Framing, framed: Framed) -> tuple[Record, Array, bool]:
     """The object of a framed image, its theta, and whether it is new."""
     encoder, store = runtime.encoder, runtime.store
-    object_id = encoded_id(image, framed.mask, framing.foreground_ratio, encoder.digest)
+    models = [encoder.digest]
+    if framed.mask == "matting" and runtime.matting:
+        models.append(runtime.matting.digest)
+    object_id = encoded_id(image, framed.mask, framing.foreground_ratio, *models)
     known = await store.find(object_id)
     if known is not None:
         return *known, False
