@@ -122,12 +122,13 @@ async def _bounds(cloud: Cloud, run: Run, ahead: int) -> tuple[Array, Array]:
 async def _in_order(
     function: Callable[[Part], Result], parts: Iterator[Part], run: Run, ahead: int
 ) -> AsyncIterator[Result]:
-    """`function` of each part, in order, while up to `ahead` parts are being computed."""
+    """`function` of each part, in order, while up to `ahead` parts are being computed; the first is sent before
+    others begin, which would take the processor from it."""
     waiting: deque[asyncio.Task[Result]] = deque()
     try:
-        for part in parts:
+        for index, part in enumerate(parts):
             waiting.append(asyncio.ensure_future(run(function, part)))
-            if len(waiting) >= ahead:
+            if index == 0 or len(waiting) >= ahead:
                 yield await waiting.popleft()
         while waiting:
             yield await waiting.popleft()
