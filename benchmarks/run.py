@@ -36,7 +36,7 @@ WHOLE, FAST_WHOLE = "ours, NumPy, not folded", "ours, [fast], not folded"
 def main() -> int:
     """Measure and write. `--quick` is for trying the program, not for figures."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rounds", type=int, default=7)
+    parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--quick", action="store_true", help="few points, few ways: to see that it runs")
     parser.add_argument("-o", "--output", type=Path, default=FOLDER)
     arguments = parser.parse_args()
