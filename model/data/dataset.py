@@ -1,5 +1,7 @@
 """Training examples in memory, and the batches drawn from them, reproducible at any step."""
 
+import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -12,17 +14,28 @@ from PIL import Image
 from torch import Tensor
 
 from model.config import TrainConfig
-from model.data.manifest import Entry, Manifest, Split
+from model.data.augment import OVERSIZE, augment
+from model.data.manifest import Entry, Manifest, Split, variant_files
 from service.canonical import canonical_points
 from service.images import Framing, frame
 
 Bytes = npt.NDArray[np.uint8]
 Floats = npt.NDArray[np.float32]
 
-OVERSIZE: Final = 2  # stored crops have this many pixels per pixel of the encoder's input
-ZOOM: Final = (0.85, 1.1)
-SHIFT: Final = 0.06  # of the frame, either way
-PLAIN_SHARE: Final = 0.5  # of training images stand on white, as the service's masked ones do
+VISIBLE: Final = 0.005  # of a view's pixels: a flat object seen from its edge shows nothing, and is left out
+MIRROR: Final = np.array([-1, 1, 1], np.float32)  # left and right exchanged, object frame
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A shape and its views.
+
+    crops : (views, S, S, 4) uint8 RGBA, framed by the service's code, S = OVERSIZE * size.
+    points : (10000, 3) float32, object frame.
+    """
+
+    crops: Bytes
+    points: Floats
 
 
 @dataclass(frozen=True)
@@ -30,25 +43,47 @@ class Examples:
     """A split in memory.
 
     entries : one per object.
-    crops : (objects, views, S, S, 4) uint8 RGBA, framed by the service's code, S = OVERSIZE * size.
-    points : (objects, 10000, 3) float32, object frame.
+    shapes : per object the object itself; with variants then the same under free cameras, and in the
+        training split its stretched copies.
     """
 
     entries: list[Entry]
-    crops: Bytes
-    points: Floats
+    shapes: list[list[Shape]]
+
+    def front(self, view: int) -> tuple[Bytes, Floats]:
+        """View `view` of every object as the data set was built: crops (objects, S, S, 4), points
+        (objects, 10000, 3)."""
+        return self._of(0, view)
+
+    def free(self, view: int) -> tuple[Bytes, Floats]:
+        """As `front`, but under free cameras. Raises IndexError where no variants were loaded."""
+        return self._of(1, view)
+
+    def _of(self, shape: int, view: int) -> tuple[Bytes, Floats]:
+        chosen = [shapes[shape] for shapes in self.shapes]
+        return np.stack([one.crops[view] for one in chosen]), np.stack([one.points for one in chosen])
 
 
-def load_examples(folder: Path, split: Split, framing: Framing) -> Examples:
-    """Read a split and frame its views once. Raises FileNotFoundError without a finished data set."""
+def load_examples(folder: Path, split: Split, framing: Framing, variants: bool = False) -> Examples:
+    """Read a split and frame its views once; with `variants` also what `hof-model data vary` wrote.
+
+    Raises
+    ------
+    FileNotFoundError : `folder` holds no finished data set, or no variants where asked for.
+    """
     entries = list(Manifest.read(folder).of(split))
     large = Framing(framing.size * OVERSIZE, framing.foreground_ratio)
-    crops, points = [], []
-    for entry in entries:
-        with np.load(folder / entry.file) as arrays:
-            crops.append(np.stack([np.asarray(frame(Image.fromarray(view), large)[0]) for view in arrays["views"]]))
-            points.append(arrays["points"])
-    return Examples(entries, np.stack(crops), np.stack(points))
+    files = [[folder / entry.file, *(variant_files(folder, entry) if variants else [])] for entry in entries]
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        shapes = list(threads.map(lambda paths: [_load_shape(path, large) for path in paths], files))
+    return Examples(entries, shapes)
+
+
+def _load_shape(path: Path, framing: Framing) -> Shape:
+    with np.load(path) as arrays:
+        shown = [view for view in arrays["views"] if (view[..., 3] > 0).mean() > VISIBLE]
+        crops = np.stack([np.asarray(frame(Image.fromarray(view), framing)[0]) for view in shown])
+        return Shape(crops, arrays["points"])
 
 
 @dataclass(frozen=True)
@@ -61,15 +96,33 @@ class Batch:
 
 
 def draw_batch(examples: Examples, config: TrainConfig, step: int) -> Batch:
-    """The batch of a step: a function of (seed, step) alone, so that a resumed run sees the same data."""
+    """The batch of a step: a function of (seed, step) alone, so that a resumed run sees the same data.
+
+    Each object comes as one of all its views, those of its variants included, and half of them mirrored:
+    an image flipped left to right shows the shape with x negated.
+    """
     rng = np.random.default_rng([config.seed, step])
-    objects = _epoch_slice(len(examples.entries), config, step)
-    views = rng.integers(examples.crops.shape[1], size=config.batch)
-    crops = torch.from_numpy(examples.crops[objects, views]).permute(0, 3, 1, 2).float() / 255
-    chosen = rng.integers(examples.points.shape[1], size=(config.batch, config.target_points))
-    points = torch.from_numpy(examples.points[objects[:, None], chosen])
+    mirrored = rng.random(config.batch) < 0.5
+    crops, points = [], []
+    for number, turned in zip(_epoch_slice(len(examples.entries), config, step), mirrored, strict=True):
+        shape, view = _any_view(examples.shapes[number], rng)
+        chosen = shape.points[rng.integers(len(shape.points), size=config.target_points)]
+        crops.append(shape.crops[view])
+        points.append(chosen * MIRROR if turned else chosen)
+    images = augment(torch.from_numpy(np.stack(crops)).permute(0, 3, 1, 2), rng)
+    images[mirrored] = images[mirrored].flip(3)  # augmentation knows no left and right: last is cheapest
     canonical = torch.from_numpy(uniform_points(config, rng))
-    return Batch(augment(crops, rng), canonical, points)
+    return Batch(images, canonical, torch.from_numpy(np.stack(points)))
+
+
+def _any_view(shapes: list[Shape], rng: np.random.Generator) -> tuple[Shape, int]:
+    """One view of all views that an object's shapes have."""
+    view = int(rng.integers(sum(len(shape.crops) for shape in shapes)))
+    for shape in shapes[:-1]:
+        if view < len(shape.crops):
+            return shape, view
+        view -= len(shape.crops)
+    return shapes[-1], view
 
 
 def uniform_points(config: TrainConfig, rng: np.random.Generator) -> Floats:
@@ -77,44 +130,6 @@ def uniform_points(config: TrainConfig, rng: np.random.Generator) -> Floats:
     n = config.batch * config.points
     seed = int(rng.integers(2**62))
     return canonical_points(config.spec.domain, n, seed).reshape(config.batch, config.points, -1)
-
-
-def augment(crops: Tensor, rng: np.random.Generator) -> Tensor:
-    """Random framing, light and background: (b, 4, S, S) RGBA in [0, 1] -> (b, 3, S/2, S/2) RGB."""
-    b = len(crops)
-    rgb, alpha = crops[:, :3], crops[:, 3:]
-    premultiplied = torch.cat([rgb * alpha, alpha], dim=1)
-    zoom = torch.from_numpy(rng.uniform(*ZOOM, b).astype(np.float32))
-    matrix = torch.zeros(b, 2, 3)
-    matrix[:, 0, 0] = matrix[:, 1, 1] = 1 / zoom
-    matrix[:, :, 2] = torch.from_numpy(rng.uniform(-SHIFT, SHIFT, (b, 2)).astype(np.float32))
-    grid = nnf.affine_grid(matrix, list(crops.shape), align_corners=False)
-    moved = nnf.grid_sample(premultiplied, grid, align_corners=False)
-    small = nnf.avg_pool2d(moved, OVERSIZE)
-    colour, alpha = _relight(small[:, :3], rng), small[:, 3:]
-    return (colour * alpha.sign() + (1 - alpha) * _backgrounds(small.shape, rng)).clamp(0, 1)
-
-
-def _relight(premultiplied: Tensor, rng: np.random.Generator) -> Tensor:
-    """Exposure and a tint per image; some images become grey."""
-    b = len(premultiplied)
-    gain = rng.uniform(0.6, 1.4, (b, 1, 1, 1)) * rng.uniform(0.88, 1.12, (b, 3, 1, 1))
-    lit = premultiplied * torch.from_numpy(gain.astype(np.float32))
-    grey = torch.from_numpy(rng.random(b) < 0.1).view(b, 1, 1, 1)
-    return torch.where(grey, lit.mean(dim=1, keepdim=True), lit)
-
-
-def _backgrounds(shape: torch.Size, rng: np.random.Generator) -> Tensor:
-    """White for PLAIN_SHARE of the images, else a gradient between two colours with noise."""
-    b, _, height, width = shape
-    first, second = torch.from_numpy(rng.random((2, b, 3, 1, 1)).astype(np.float32))
-    angle = torch.from_numpy(rng.uniform(0, 2 * np.pi, (b, 1, 1, 1)).astype(np.float32))
-    y, x = torch.meshgrid(torch.linspace(-1, 1, height), torch.linspace(-1, 1, width), indexing="ij")
-    ramp = (x * angle.cos() + y * angle.sin()) / 2.83 + 0.5
-    noise = torch.from_numpy(rng.standard_normal((b, 3, height, width)).astype(np.float32)) * 0.05
-    ground = (first * ramp + second * (1 - ramp) + noise).clamp(0, 1)
-    plain = torch.from_numpy(rng.random(b) < PLAIN_SHARE).view(b, 1, 1, 1)
-    return torch.where(plain, torch.ones(()), ground)
 
 
 def _epoch_slice(objects: int, config: TrainConfig, step: int) -> npt.NDArray[np.int64]:

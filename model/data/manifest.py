@@ -13,6 +13,7 @@ import numpy.typing as npt
 Split = Literal["train", "val", "test"]
 SPLITS: Final[tuple[Split, ...]] = ("train", "val", "test")
 SHARES: Final = (0.8, 0.1, 0.1)
+VARIANTS: Final = "variants"  # folder of what `hof-model data vary` writes, in the data set's folder
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,27 @@ class Manifest:
             raise FileNotFoundError(f"{path} is missing: run `hof-model data build --out {folder}` first")
         fields = json.loads(path.read_text(encoding="utf-8"))
         return cls(**{**fields, "entries": tuple(Entry(**entry) for entry in fields["entries"])})
+
+
+def variant_file(folder: Path, entry: Entry, number: int) -> Path:
+    """Where variant `number` of an object lies or will lie; 0 is the object itself under free cameras."""
+    return folder / VARIANTS / f"{Path(entry.file).stem}__{number}.npz"
+
+
+def variant_files(folder: Path, entry: Entry) -> list[Path]:
+    """The variants of an object that are there, in order of their numbers, the first of them 0.
+
+    Raises
+    ------
+    FileNotFoundError : variant 0 is missing.
+    """
+    first = variant_file(folder, entry, 0)
+    if not first.is_file():
+        raise FileNotFoundError(f"{first} is missing: run `hof-model data vary --data {folder}` first")
+    files = [first]
+    while (following := variant_file(folder, entry, len(files))).is_file():
+        files.append(following)
+    return files
 
 
 def assign_splits(ids: list[str], seed: int) -> dict[str, Split]:

@@ -7,34 +7,41 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
 
-from model.data.manifest import Manifest
+from model.data.manifest import Manifest, variant_files
 from service.picture import draw
 
 VIEWS_SHOWN: Final = (0, 3, 8, 14, 20)
+VARIANT_VIEWS_SHOWN: Final = (0, 1, 2, 3, 4)
 CELL: Final = 128
 LABEL: Final = 14
 
 Bytes = npt.NDArray[np.uint8]
 
 
-def preview(data: Path, output: Path, objects: int) -> None:
+def preview(data: Path, output: Path, objects: int, variants: bool = False) -> None:
     """Write a PNG with one row per object: five views over white, then its points.
 
-    Objects are taken at even distances through the manifest, so that every source shows.
+    Objects are taken at even distances through the manifest, so that every source shows. With `variants`
+    the rows are what `hof-model data vary` wrote of these objects.
 
     Raises
     ------
-    FileNotFoundError : `data` holds no finished data set.
+    FileNotFoundError : `data` holds no finished data set, or no variants of these objects where asked for.
     """
     entries = Manifest.read(data).entries
-    chosen = entries[:: max(1, len(entries) // objects)][:objects]
-    sheet = Image.new("RGB", (CELL * (len(VIEWS_SHOWN) + 1), (CELL + LABEL) * len(chosen)), "white")
+    rows = []
+    for entry in entries[:: max(1, len(entries) // objects)][:objects]:
+        files = variant_files(data, entry) if variants else [data / entry.file]
+        rows += [(f"{entry.id} ({entry.category}, {entry.split})", file) for file in files]
+    sheet = Image.new("RGB", (CELL * (len(VIEWS_SHOWN) + 1), (CELL + LABEL) * len(rows)), "white")
     pen = ImageDraw.Draw(sheet)
-    for row, entry in enumerate(chosen):
-        with np.load(data / entry.file) as arrays:
-            cells = [flatten(arrays["views"][view]) for view in VIEWS_SHOWN] + [draw(arrays["points"], CELL)]
+    shown = VARIANT_VIEWS_SHOWN if variants else VIEWS_SHOWN
+    for row, (label, file) in enumerate(rows):
+        with np.load(file) as arrays:
+            views = arrays["views"]
+            cells = [flatten(views[view % len(views)]) for view in shown] + [draw(arrays["points"], CELL)]
         top = row * (CELL + LABEL)
-        pen.text((2, top), f"{entry.id} ({entry.category}, {entry.split})", fill="black")
+        pen.text((2, top), label, fill="black")
         for column, cell in enumerate(cells):
             sheet.paste(Image.fromarray(cell).resize((CELL, CELL)), (column * CELL, top + LABEL))
     output.parent.mkdir(parents=True, exist_ok=True)

@@ -1,6 +1,7 @@
-"""24 views of a mesh, off screen: RGBA with textures and lights, one worker per process."""
+"""Views of a mesh, off screen: RGBA with textures and lights, one worker per process."""
 
 import math
+from contextlib import closing
 from dataclasses import dataclass
 from typing import Final
 
@@ -53,18 +54,24 @@ def render(record: MeshRecord, seed: int) -> Rendered:
     rng = np.random.default_rng([seed, *record.id.encode()])
     parts = load_parts(record)
     points, colours = sample_surface(parts, POINTS, rng)
-    cameras = np.stack([np.arange(VIEWS) * (360 / VIEWS), rng.uniform(*ELEVATION_DEG, VIEWS)], axis=1)
-    plotter = _stage(parts)
-    try:
-        views = np.stack([_shoot(plotter, camera, points, rng) for camera in cameras])
-    finally:
-        plotter.close()
+    azimuths = np.arange(VIEWS) * (360 / VIEWS)
+    cameras = np.stack([azimuths, rng.uniform(*ELEVATION_DEG, VIEWS)], axis=1)
+    placed = np.column_stack([cameras, np.full(VIEWS, DISTANCE), np.zeros(VIEWS)])
+    with closing(stage(parts)) as plotter:
+        views = shoot(plotter, placed, points, rng)
     return Rendered(views, cameras.astype(np.float32), points, colours)
 
 
-def _stage(parts: list[trimesh.Trimesh]) -> pyvista.Plotter:
+def stage(parts: list[trimesh.Trimesh], multisampling: bool = True) -> pyvista.Plotter:
+    """Put the parts, with their materials, before an off-screen camera. To be closed after use.
+
+    Without `multisampling` views take a third of the time and edges are a little harder (under 1% of the
+    range, averaged over an image; the supersampling smooths them in any case).
+    """
     side = SIZE * SUPERSAMPLING
     plotter = pyvista.Plotter(off_screen=True, window_size=[side, side], lighting="none")
+    if not multisampling:
+        plotter.disable_anti_aliasing()
     plotter.set_background("black")  # so that what comes back is colour times alpha
     for part in parts:
         colour, opacity = material_colour(part)
@@ -86,14 +93,38 @@ def _stage(parts: list[trimesh.Trimesh]) -> pyvista.Plotter:
     return plotter
 
 
+def stretch(plotter: pyvista.Plotter, scale: npt.NDArray[np.float64]) -> None:
+    """Scale what stands on the stage along the object frame's axes: (3,) factors of its own size."""
+    for actor in plotter.actors.values():
+        actor.scale = tuple(scale)
+
+
+def shoot(
+    plotter: pyvista.Plotter, cameras: npt.NDArray[np.float64], points: Floats, rng: np.random.Generator
+) -> Bytes:
+    """One view per camera, each under lights of its own: (n, SIZE, SIZE, 4) uint8 RGBA.
+
+    Parameters
+    ----------
+    cameras : (n, 4) azimuth and elevation in degrees, distance from the object's centre in longest sides,
+        roll in degrees. The angle of view follows: the object fills the frame.
+    points : (m, 3) float32 on the surface, object frame.
+    """
+    return np.stack([_shoot(plotter, camera, points, rng) for camera in cameras])
+
+
 def _shoot(
     plotter: pyvista.Plotter, camera: npt.NDArray[np.float64], points: Floats, rng: np.random.Generator
 ) -> Bytes:
     """One view, (SIZE, SIZE, 4) uint8, unpremultiplied."""
-    toward, right, up = camera_axes(*camera)
-    depth = DISTANCE - points @ toward
-    half = max(np.abs(points @ right / depth).max(), np.abs(points @ up / depth).max()) / FILL
-    plotter.camera_position = [tuple(DISTANCE * toward), (0, 0, 0), (0, 1, 0)]
+    azimuth, elevation, distance, roll = camera.tolist()
+    toward, right, up = camera_axes(azimuth, elevation)
+    cos, sin = math.cos(math.radians(roll)), math.sin(math.radians(roll))
+    depth = distance - points @ toward
+    across, along = points @ (cos * right - sin * up) / depth, points @ (cos * up + sin * right) / depth
+    half = max(np.abs(across).max(), np.abs(along).max()) / FILL
+    plotter.camera_position = [tuple(distance * toward), (0, 0, 0), (0, 1, 0)]
+    plotter.camera.Roll(roll)  # the camera turns clockwise, its picture the other way
     plotter.camera.view_angle = 2 * math.degrees(math.atan(half))
     plotter.reset_camera_clipping_range()
     _light(plotter, toward, right, up, rng)

@@ -1,0 +1,142 @@
+"""Free cameras and stretched shapes: further views of a built data set's objects, its manifest unchanged."""
+
+import math
+import os
+from collections.abc import Iterable
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+import pyvista
+import trimesh
+from tqdm import tqdm
+
+from model.data.manifest import VARIANTS, Entry, Manifest, variant_file
+from model.data.meshes import MeshRecord, load_parts
+from model.data.render import POINTS, shoot, stage, stretch
+from model.data.surface import sample_surface
+from model.data.workers import run_isolated
+
+STRETCH: Final = 0.3  # largest natural logarithm of a factor along an axis
+DISTANCE: Final = (1.3, 6.0)  # longest sides, uniform in the logarithm: wide to long lenses
+ELEVATION_DEG: Final = (0.0, 45.0)
+TRAIN_ELEVATION_DEG: Final = (-5.0, 55.0)
+TRAIN_ROLL_DEG: Final = 2.0  # standard deviation; 0 in the other splits
+
+Floats = npt.NDArray[np.float32]
+Doubles = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Variant:
+    """What is kept of one variant of an object.
+
+    views : (views, SIZE, SIZE, 4) uint8 RGBA, alpha is the mask.
+    cameras : (views, 4) float32, azimuth and elevation in degrees, distance in longest sides, roll in degrees.
+    points : (POINTS, 3) float32, object frame; those of the object itself for variant 0.
+    stretch : (3,) float32, what the object's frame was scaled by along x, y, z.
+    """
+
+    views: npt.NDArray[np.uint8]
+    cameras: Floats
+    points: Floats
+    stretch: Floats
+
+
+@dataclass(frozen=True)
+class VariantsJob:
+    """The variants of one object that are not there yet: number -> file."""
+
+    record: MeshRecord
+    base: Path
+    targets: dict[int, Path]
+    train: bool
+    views: int
+    seed: int
+
+
+def vary(records: Iterable[MeshRecord], folder: Path, variants: int, views: int, processes: int) -> dict[str, str]:
+    """Write the variants of every object in `folder`'s manifest that are missing; return id -> failure.
+
+    Variant 0 is the object as it is under free cameras; 1 to `variants`, of the training split alone, are
+    stretched. Each is a function of (the manifest's seed, id, number). Running it again goes on where it stopped.
+
+    Raises
+    ------
+    FileNotFoundError : `folder` holds no finished data set.
+    ValueError : the records lack an object of the manifest.
+    """
+    manifest = Manifest.read(folder)
+    known = {record.id: record for record in records}
+    if lacking := [entry.id for entry in manifest.entries if entry.id not in known]:
+        raise ValueError(f"the source lacks {len(lacking)} objects of the manifest, {lacking[0]} among them")
+    (folder / VARIANTS).mkdir(exist_ok=True)
+    jobs = [_job(folder, entry, known[entry.id], manifest.seed, variants, views) for entry in manifest.entries]
+    jobs = [job for job in jobs if job.targets]
+    failures: dict[str, str] = {}
+    for outcome in tqdm(run_isolated(render_variants, jobs, processes), total=len(jobs), desc="vary", unit="object"):
+        if outcome.failure:
+            failures[outcome.job.record.id] = outcome.failure
+            tqdm.write(f"skipped {outcome.job.record.id}: {outcome.failure}")
+    return failures
+
+
+def _job(folder: Path, entry: Entry, record: MeshRecord, seed: int, variants: int, views: int) -> VariantsJob:
+    train = entry.split == "train"
+    files = {number: variant_file(folder, entry, number) for number in range(1 + variants * train)}
+    missing = {number: file for number, file in files.items() if not file.exists()}
+    return VariantsJob(record, folder / entry.file, missing, train, views, seed)
+
+
+def render_variants(job: VariantsJob) -> None:
+    """Render a job's variants, the mesh loaded once; each file comes whole or not at all (a worker process)."""
+    parts = load_parts(job.record)
+    with np.load(job.base) as arrays:
+        base: Floats = arrays["points"]
+    with closing(stage(parts, multisampling=False)) as plotter:
+        for number, target in job.targets.items():
+            rng = np.random.default_rng([job.seed, number, *job.record.id.encode()])
+            scale = stretch_factors(parts, rng) if number else np.ones(3)
+            points = scaled_points(parts, scale, rng) if number else base
+            variant = _render(plotter, scale, points, free_cameras(job.views, job.train, rng), rng)
+            temporary = target.with_suffix(".tmp")
+            with temporary.open("wb") as file:
+                np.savez_compressed(file, **vars(variant))
+            os.replace(temporary, target)
+
+
+def _render(
+    plotter: pyvista.Plotter, scale: Doubles, points: Floats, cameras: Doubles, rng: np.random.Generator
+) -> Variant:
+    stretch(plotter, scale)
+    views = shoot(plotter, cameras, points, rng)
+    return Variant(views, cameras.astype(np.float32), points, scale.astype(np.float32))
+
+
+def free_cameras(views: int, train: bool, rng: np.random.Generator) -> Doubles:
+    """(views, 4) azimuth and elevation in degrees, distance in longest sides, roll in degrees, all at random."""
+    azimuths = rng.uniform(0, 360, views)
+    elevations = rng.uniform(*(TRAIN_ELEVATION_DEG if train else ELEVATION_DEG), views)
+    distances = np.exp(rng.uniform(math.log(DISTANCE[0]), math.log(DISTANCE[1]), views))
+    rolls = rng.normal(0, TRAIN_ROLL_DEG if train else 0, views)
+    return np.stack([azimuths, elevations, distances, rolls], axis=1)
+
+
+def stretch_factors(parts: list[trimesh.Trimesh], rng: np.random.Generator) -> Doubles:
+    """(3,) random factors along the axes, after which the bounding box's longest side is 1 again.
+
+    `parts` are in the object frame, so that the box stays centred. Symmetric objects stay symmetric.
+    """
+    corners = np.concatenate([part.vertices[np.unique(part.faces)] for part in parts])
+    scale = np.exp(rng.uniform(-STRETCH, STRETCH, 3))
+    factors: Doubles = scale / (np.ptp(corners, axis=0) * scale).max()
+    return factors
+
+
+def scaled_points(parts: list[trimesh.Trimesh], scale: Doubles, rng: np.random.Generator) -> Floats:
+    """(POINTS, 3) float32 uniform over the area of the scaled surface."""
+    scaled = [trimesh.Trimesh(part.vertices * scale, part.faces, process=False) for part in parts]
+    return sample_surface(scaled, POINTS, rng)[0]

@@ -1,0 +1,77 @@
+"""What augmentation does to a view, and what it leaves alone."""
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from model.data.augment import PHOTOGRAPHS, PLAIN_SHARE, SHADOW_SHARE, augment
+
+IMAGES = 400
+
+
+def square(colour: tuple[int, int, int]) -> Tensor:
+    """(IMAGES, 4, 32, 32) uint8: a square of 20 pixels in the middle."""
+    crops = torch.zeros(IMAGES, 4, 32, 32, dtype=torch.uint8)
+    crops[:, :, 6:26, 6:26] = torch.tensor([*colour, 255], dtype=torch.uint8).view(4, 1, 1)
+    return crops
+
+
+@pytest.fixture(scope="module")
+def images() -> Tensor:
+    return augment(square((200, 40, 40)), np.random.default_rng(0))
+
+
+def test_images_have_the_encoders_size_and_range(images: Tensor) -> None:
+    assert images.shape == (IMAGES, 3, 16, 16)
+    assert images.dtype == torch.float32
+    assert float(images.min()) >= 0
+    assert float(images.max()) <= 1
+
+
+def test_the_generator_decides_alone(images: Tensor) -> None:
+    crops = square((200, 40, 40))
+    assert (augment(crops, np.random.default_rng(0)) == images).all()
+    assert (augment(crops, np.random.default_rng(1)) != images).any()
+    assert (crops == square((200, 40, 40))).all()  # nothing is changed in place
+
+
+def test_half_stand_on_plain_white_and_the_others_on_many_grounds(images: Tensor) -> None:
+    corners = images[:, :, 0, 0]
+    white = (corners == 1).all(dim=1)
+    assert float(white.float().mean()) == pytest.approx(PLAIN_SHARE, abs=0.08)
+    assert float(corners[~white].std(dim=0).min()) > 0.15
+    ground = images[~white][:, :, :2]
+    rough = ground.std(dim=(2, 3)).mean(dim=1)
+    assert float(rough.min()) < 0.03  # flat
+    assert float(rough.max()) > 0.15  # textures, photographs
+
+
+def test_the_object_is_seen_everywhere_and_some_images_are_grey(images: Tensor) -> None:
+    middle = images[:, :, 7:9, 7:9].mean(dim=(2, 3))
+    grey = (images.amax(dim=1) - images.amin(dim=1)).mean(dim=(1, 2)) < 0.1
+    red = middle[:, 0] - middle[:, 1:].amax(dim=1)
+    assert 0.02 < float(grey.float().mean()) < 0.2
+    assert float((red[~grey] > 0.05).float().mean()) > 0.97
+
+
+def test_shadows_lie_at_the_foot_of_some_objects(images: Tensor, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("model.data.augment.SHADOW_SHARE", 0.0)
+    bright = augment(square((200, 40, 40)), np.random.default_rng(0))
+    darker = (bright - images).mean(dim=1)  # (IMAGES, 16, 16)
+    assert float(darker.min()) > -1e-6
+    shaded = darker.amax(dim=(1, 2)) > 0.05
+    assert 0.2 < float(shaded.float().mean()) < SHADOW_SHARE + 0.05
+    by_row = darker.sum(dim=(0, 2))
+    assert float(by_row[8:].sum()) > 10 * float(by_row[:8].sum())
+
+
+def test_zoom_and_shift_vary_and_little_is_cut_off(images: Tensor) -> None:
+    white = (images[:, :, 0, 0] == 1).all(dim=1)
+    widths = (images[white][:, 1, 8] < 0.75).sum(dim=1)  # of 10 pixels
+    assert int(widths.min()) < 10 < int(widths.max())
+    assert float((widths == 16).float().mean()) < 0.1
+
+
+def test_the_demos_photograph_is_not_trained_on() -> None:
+    assert "coffee.png" not in PHOTOGRAPHS
