@@ -1,10 +1,12 @@
 """Everything that decides a training run; a checkpoint stores the config that made it."""
 
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from typing import Any, Literal
 
 from service.images import Framing
 from service.mapping import HOF_1, MappingSpec
+
+Method = Literal["hof", "deepsdf", "foldingnet", "direct"]
 
 
 @dataclass(frozen=True)
@@ -25,11 +27,18 @@ class EncoderConfig:
 class TrainConfig:
     """One training run.
 
+    method : what stands behind the image encoder's trunk: HOF, or a decoder it is compared with
+        (`model.baselines`). Of `spec`, a decoder uses the canonical domain only.
     points, target_points : predicted and true points per object in the loss.
     minutes : budget; the learning rate falls to 0 over it along a cosine.
+    late_from : share of the budget after which `late_chamfer` takes the place of the squared loss, on
+        `late_points` and `late_target_points`; 1 is never.
+    variants : draw from the stretched shapes too, not from the data set's own alone.
+    start : checkpoint whose weights the run starts from; None starts anew.
     """
 
     spec: MappingSpec = field(default_factory=lambda: HOF_1.with_k(2))
+    method: Method = "hof"
     encoder: EncoderConfig = field(default_factory=EncoderConfig)
     framing: Framing = field(default_factory=Framing)
     seed: int = 0
@@ -41,6 +50,11 @@ class TrainConfig:
     gradient_clip: float = 1.0
     projection: float = 0.0  # lambda of the projection regularisation (paper, eq. 6)
     minutes: float = 70.0
+    late_from: float = 1.0
+    late_points: int = 1_536
+    late_target_points: int = 3_000
+    variants: bool = False
+    start: str | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON-able values; inverse of `from_dict`."""

@@ -1,43 +1,60 @@
-"""Train g_phi end to end through f_theta: one run, one folder, resumable."""
+"""Train g_phi end to end through f_theta, or a method it is compared with: one run, one folder, resumable."""
 
+import copy
 import json
 import os
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+import numpy.typing as npt
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 from tqdm import tqdm
 
+from model.average import update_average
+from model.baselines import Hof, make_network
 from model.config import TrainConfig
 from model.data.dataset import Batch, Examples, draw_batch, load_examples, plain_images
-from model.losses import chamfer, projection
+from model.losses import chamfer, late_chamfer, projection
 from model.memory import keep_freed_memory
-from model.networks import ImageEncoder, power
+from model.metrics import compare
+from model.networks import ImageEncoder
+from service.canonical import canonical_points
+
+Floats = npt.NDArray[np.float32]
+Predictor = Callable[[Floats, int, int], Floats]
 
 CHECKPOINT_EVERY_S: Final = 600.0
 LOG_EVERY: Final = 50  # steps
 WARMUP: Final = 0.02  # of the budget
-VALIDATION_VIEW: Final = 1  # of 24: from the front, a little to the side
+LATE_SCALE: Final = 0.125  # its gradient becomes as large as the squared loss's, which Adam is used to
+VALIDATION_VIEWS: Final = (1, 13)  # of 24: from the front, a little to the side, and from behind
+VALIDATION_POINTS: Final = 2_000  # predicted
+VALIDATION_TARGET_POINTS: Final = 4_000
+CHUNK: Final = 10_000  # points that a predictor computes at once
 
 
 def train(data: Path, run: Path, config: TrainConfig) -> Path:
-    """Train within the budget of `config.minutes` and return the path of the last checkpoint.
+    """Train within the budget of `config.minutes` and return the path of the chosen checkpoint.
 
     A run folder that holds a checkpoint is resumed with the config stored there; the batches go on where
     they stopped, since each is a function of (seed, step) alone.
 
     Raises
     ------
-    FileNotFoundError : `data` holds no finished data set.
+    FileNotFoundError : `data` holds no finished data set, or `config.start` is no file.
+    ValueError : `config.start` holds another kind of network.
     """
     run.mkdir(parents=True, exist_ok=True)
     keep_freed_memory()
-    state = _State.resume(run) if (run / "last.pt").exists() else _State(config)
-    examples = load_examples(data, "train", state.config.framing)
-    validation = load_examples(data, "val", state.config.framing)
+    state = _State.resume(run) if (run / "last.pt").exists() else _State.begin(config)
+    examples = load_examples(data, "train", state.config.framing, variants=state.config.variants)
+    validation = load_examples(data, "val", state.config.framing, variants=False)
     budget_s = state.config.minutes * 60
     with (
         ThreadPoolExecutor(os.cpu_count()) as threads,
@@ -46,64 +63,102 @@ def train(data: Path, run: Path, config: TrainConfig) -> Path:
         tqdm(total=round(budget_s), initial=round(state.elapsed_s), unit="s", desc="train") as bar,
     ):
         started, saved = time.monotonic() - state.elapsed_s, time.monotonic()
-        coming = loader.submit(draw_batch, examples, state.config, state.step)
+        coming = loader.submit(draw_batch, examples, _sizes(state.config, state.elapsed_s / budget_s), state.step)
         losses: list[float] = []
         while state.elapsed_s < budget_s:
-            batch = coming.result()
-            coming = loader.submit(draw_batch, examples, state.config, state.step + 1)
-            losses.append(_step(state, batch, state.elapsed_s / budget_s, threads))
+            batch, progress = coming.result(), state.elapsed_s / budget_s
+            coming = loader.submit(draw_batch, examples, _sizes(state.config, progress), state.step + 1)
+            losses.append(_step(state, batch, progress, threads))
             state.elapsed_s = time.monotonic() - started
             if state.step % LOG_EVERY == 0:
                 mean = sum(losses) / len(losses)
                 losses.clear()
                 _log(log, bar, state, {"loss": mean})
             if time.monotonic() - saved > CHECKPOINT_EVERY_S or state.elapsed_s >= budget_s:
-                _log(log, bar, state, {"val": _validate(state, validation, threads)})
-                state.save(run / "last.pt")
+                figures = validate(state.average, state.config, validation)
+                _log(log, bar, state, figures)
+                state.save(run, figures["f@1%"])
                 saved = time.monotonic()
-    return run / "last.pt"
+    return chosen_checkpoint(run)
+
+
+def chosen_checkpoint(run: Path) -> Path:
+    """A run's checkpoint that was best on the validation split (F@1%), or its last where none was chosen."""
+    best = run / "best.pt"
+    return best if best.exists() else run / "last.pt"
 
 
 class _State:
-    """What a run carries from step to step, and to its checkpoint."""
+    """What a run carries from step to step, and to its checkpoint.
+
+    average : the network with the exponential moving average of all weights and buffers: what is
+        validated and exported.
+    before : steps and seconds of the runs that this one started from.
+    best : the highest F@1% on the validation split so far.
+    """
 
     def __init__(self, config: TrainConfig) -> None:
         torch.manual_seed(config.seed)
         self.config = config
         self.step = 0
         self.elapsed_s = 0.0
-        self.encoder = ImageEncoder(config.spec, config.encoder, config.framing.size)
-        self.encoder.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self.before = {"step": 0, "elapsed_s": 0.0}
+        self.best = -1.0
+        self.network = make_network(config)
+        self.network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self.average = copy.deepcopy(self.network).eval()
         self.optimizer = torch.optim.AdamW(
-            self.encoder.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay, fused=True
+            self.network.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay, fused=True
         )
 
     @classmethod
-    def resume(cls, run: Path) -> "_State":
-        saved = torch.load(run / "last.pt", weights_only=True)
-        state = cls(TrainConfig.from_dict(saved["config"]))
-        state.encoder.load_state_dict(saved["encoder"])
-        state.optimizer.load_state_dict(saved["optimizer"])
-        state.step, state.elapsed_s = saved["step"], saved["elapsed_s"]
+    def begin(cls, config: TrainConfig) -> "_State":
+        """A new run, from the weights of `config.start` if that is given."""
+        state = cls(config)
+        if config.start:
+            network, started, state.before = load_network(Path(config.start))
+            for key in ("method", "spec", "encoder", "framing"):
+                if getattr(started, key) != getattr(config, key):
+                    raise ValueError(f"{config.start} was trained with another {key}: {getattr(started, key)}")
+            state.network.load_state_dict(network.state_dict())
+            state.average.load_state_dict(network.state_dict())
         return state
 
-    def save(self, path: Path) -> None:
-        temporary = path.with_suffix(".tmp")
-        torch.save(
-            {
-                "config": self.config.to_dict(),
-                "encoder": self.encoder.state_dict(),
-                "optimizer": self.optimizer.state_dict(),
-                "step": self.step,
-                "elapsed_s": self.elapsed_s,
-            },
-            temporary,
-        )
-        os.replace(temporary, path)
+    @classmethod
+    def resume(cls, run: Path) -> "_State":
+        """A run as its last checkpoint left it."""
+        saved = torch.load(run / "last.pt", weights_only=True)
+        if "average" not in saved:
+            raise ValueError(f"{run} holds a run of an older version: start from its last.pt in another folder")
+        state = cls(TrainConfig.from_dict(saved["config"]))
+        state.network.load_state_dict(saved["network"])
+        state.average.load_state_dict(saved["average"])
+        state.optimizer.load_state_dict(saved["optimizer"])
+        for key in ("step", "elapsed_s", "before", "best"):
+            setattr(state, key, saved[key])
+        return state
+
+    def save(self, run: Path, score: float) -> None:
+        """Write last.pt, and best.pt where `score` is the highest so far."""
+        paths = [run / "last.pt", run / "best.pt"] if score > self.best else [run / "last.pt"]
+        self.best = max(self.best, score)
+        saved = {
+            "config": self.config.to_dict(),
+            "network": self.network.state_dict(),
+            "average": self.average.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+            **{key: getattr(self, key) for key in ("step", "elapsed_s", "before", "best")},
+        }
+        for path in paths:
+            torch.save(saved, path.with_suffix(".tmp"))
+            os.replace(path.with_suffix(".tmp"), path)
 
 
-def load_encoder(checkpoint: Path) -> tuple[ImageEncoder, TrainConfig, dict[str, Any]]:
-    """The trained encoder of a checkpoint in evaluation mode, its config, and `step` and `elapsed_s`.
+def load_network(checkpoint: Path) -> tuple[nn.Module, TrainConfig, dict[str, Any]]:
+    """The averaged network of a checkpoint in evaluation mode, its config, and `step` and `elapsed_s`.
+
+    These two count what the runs before it took that it started from. A checkpoint of version 0.1 has no
+    average: its weights are taken as they are.
 
     Raises
     ------
@@ -111,30 +166,81 @@ def load_encoder(checkpoint: Path) -> tuple[ImageEncoder, TrainConfig, dict[str,
     """
     saved = torch.load(checkpoint, weights_only=True)
     config = TrainConfig.from_dict(saved["config"])
-    encoder = ImageEncoder(config.spec, config.encoder, config.framing.size)
-    encoder.load_state_dict(saved["encoder"])
-    return encoder.eval(), config, {"step": saved["step"], "elapsed_s": saved["elapsed_s"]}
+    network = make_network(config)
+    if "average" in saved:
+        network.load_state_dict(saved["average"])
+    else:
+        network.load_state_dict({f"encoder.{name}": value for name, value in saved["encoder"].items()})
+    before = saved.get("before", {"step": 0, "elapsed_s": 0.0})
+    return network.eval(), config, {key: before[key] + saved[key] for key in ("step", "elapsed_s")}
+
+
+def load_encoder(checkpoint: Path) -> tuple[ImageEncoder, TrainConfig, dict[str, Any]]:
+    """The image encoder of a HOF checkpoint; the rest as `load_network` has it.
+
+    Raises
+    ------
+    FileNotFoundError : no such checkpoint.
+    ValueError : the checkpoint is of a method that has no theta.
+    """
+    network, config, run = load_network(checkpoint)
+    if not isinstance(network, Hof):
+        raise ValueError(  # noqa: TRY004 - a file of the wrong kind, not an argument of the wrong type
+            f"{checkpoint} is a {config.method} network: only hof has an encoder to export"
+        )
+    return network.encoder, config, run
+
+
+def load_predictor(checkpoint: Path) -> Predictor:
+    """(images (b, 3, s, s) in [0, 1], n, seed) -> points (b, n, 3), all float32: any method alike.
+
+    `direct` has 1,024 points of its own: it answers them in a seeded order, repeated where n is larger.
+
+    Raises
+    ------
+    FileNotFoundError : no such checkpoint.
+    """
+    network, config, _ = load_network(checkpoint)
+
+    @torch.no_grad()
+    def predict(images: Floats, n: int, seed: int) -> Floats:
+        batch = torch.from_numpy(images).contiguous(memory_format=torch.channels_last)
+        canonical = torch.from_numpy(canonical_points(config.spec.domain, n, seed)).expand(len(images), -1, -1)
+        if config.method == "direct":
+            own: Floats = network(batch, canonical).numpy()
+            return own[:, np.resize(np.random.default_rng(seed).permutation(own.shape[1]), n)]
+        chunks = [network(batch, canonical[:, start : start + CHUNK]) for start in range(0, n, CHUNK)]
+        points: Floats = torch.cat(chunks, dim=1).numpy()
+        return points
+
+    return predict
+
+
+def _sizes(config: TrainConfig, progress: float) -> TrainConfig:
+    """The config that a batch is drawn by at `progress` in [0, 1]: more points late."""
+    if progress < config.late_from:
+        return config
+    return replace(config, points=config.late_points, target_points=config.late_target_points)
 
 
 def _step(state: _State, batch: Batch, progress: float, threads: ThreadPoolExecutor) -> float:
     for group in state.optimizer.param_groups:
         group["lr"] = state.config.learning_rate * _schedule(progress)
-    state.encoder.train()
-    predicted = _predict(state, batch)
-    loss = chamfer(predicted, batch.points, threads)
+    state.network.train()
+    predicted = state.network(batch.images.contiguous(memory_format=torch.channels_last), batch.canonical)
+    if progress < state.config.late_from:
+        loss = chamfer(predicted, batch.points, threads)
+    else:
+        loss = LATE_SCALE * late_chamfer(predicted, batch.points, threads)
     if state.config.projection:
         loss = loss + state.config.projection * projection(predicted, batch.canonical)
     state.optimizer.zero_grad(set_to_none=True)
     loss.backward()  # type: ignore[no-untyped-call]
-    torch.nn.utils.clip_grad_norm_(state.encoder.parameters(), state.config.gradient_clip)
+    torch.nn.utils.clip_grad_norm_(state.network.parameters(), state.config.gradient_clip)
     state.optimizer.step()
+    update_average(state.average, state.network, state.step)
     state.step += 1
     return float(loss.detach())
-
-
-def _predict(state: _State, batch: Batch) -> Tensor:
-    theta = state.encoder(batch.images.contiguous(memory_format=torch.channels_last))
-    return power(state.config.spec, theta, batch.canonical)
 
 
 def _schedule(progress: float) -> float:
@@ -145,17 +251,20 @@ def _schedule(progress: float) -> float:
 
 
 @torch.no_grad()
-def _validate(state: _State, validation: Examples, threads: ThreadPoolExecutor) -> float:
-    """Mean symmetric Chamfer over the validation objects, one view each, no augmentation."""
-    state.encoder.eval()
-    losses = []
-    for start in range(0, len(validation.entries), state.config.batch):
-        chosen = slice(start, start + state.config.batch)
-        images = plain_images(validation.crops[chosen, VALIDATION_VIEW])
-        drawn = draw_batch(validation, state.config, 0)
-        batch = Batch(images, drawn.canonical[: len(images)], torch.from_numpy(validation.points[chosen, :2_000]))
-        losses += [float(chamfer(_predict(state, batch), batch.points, threads))] * len(images)
-    return sum(losses) / len(losses)
+def validate(network: nn.Module, config: TrainConfig, validation: Examples) -> dict[str, float]:
+    """Mean over the validation objects and VALIDATION_VIEWS, on white: `val`, the loss; `f@1%`, `f@2%`."""
+    canonical = torch.from_numpy(canonical_points(config.spec.domain, VALIDATION_POINTS, config.seed))
+    found = []
+    for view in VALIDATION_VIEWS:
+        crops, points = validation.front(view)
+        for start in range(0, len(crops), config.batch):
+            images = plain_images(crops[start : start + config.batch])
+            images = images.contiguous(memory_format=torch.channels_last)
+            predicted: Tensor = network(images, canonical.expand(len(images), -1, -1))
+            true = points[start : start + config.batch, :VALIDATION_TARGET_POINTS]
+            found += [compare(*clouds) for clouds in zip(predicted.numpy(), true, strict=True)]
+    means = {name: float(np.mean([figures[name] for figures in found])) for name in ("cd_sq", "f@1%", "f@2%")}
+    return {"val": means.pop("cd_sq") / 100, **means}
 
 
 def _log(log: Any, bar: Any, state: _State, figures: dict[str, float]) -> None:  # noqa: ANN401

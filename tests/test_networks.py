@@ -1,6 +1,5 @@
-"""The torch side: encoder sizes, f^k against NumPy, losses, metrics, batches."""
+"""The torch side: encoder sizes, f^k against NumPy, metrics, configurations."""
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -8,9 +7,6 @@ import pytest
 import torch
 
 from model.config import EncoderConfig, TrainConfig
-from model.data.dataset import Examples, augment, draw_batch, plain_images
-from model.data.manifest import Entry
-from model.losses import chamfer, nearest, projection
 from model.metrics import compare, interval
 from model.networks import HEAD_SCALE, ImageEncoder, power
 from service import mapping
@@ -60,30 +56,6 @@ def test_every_object_starts_near_the_same_sane_function() -> None:
     assert float(thetas.std(dim=0).max()) > 0  # objects differ: exactly zero weights would stall
 
 
-def test_chamfer_is_the_sum_of_both_squared_directions() -> None:
-    rng = np.random.default_rng(0)
-    a, b = (torch.from_numpy(rng.random((2, n, 3), np.float32)) for n in (40, 60))
-    squared = torch.cdist(a, b).square()
-    with ThreadPoolExecutor(2) as threads:
-        assert (nearest(a, b, threads) == squared.argmin(2)).all()
-        assert float(chamfer(a, b, threads)) == pytest.approx(
-            float(squared.amin(2).mean() + squared.amin(1).mean()), rel=1e-5
-        )
-
-
-def test_chamfer_pulls_points_to_their_neighbours() -> None:
-    predicted = torch.tensor([[[0.0, 0, 0]]], requires_grad=True)
-    with ThreadPoolExecutor(1) as threads:
-        chamfer(predicted, torch.tensor([[[1.0, 0, 0]]]), threads).backward()  # type: ignore[no-untyped-call]
-    assert predicted.grad is not None
-    assert predicted.grad.tolist() == [[[-4, 0, 0]]]  # d/dx 2 (x - 1)^2 at 0
-
-
-def test_projection_is_the_mean_squared_way() -> None:
-    there, here = torch.ones(2, 5, 3), torch.zeros(2, 5, 3)
-    assert float(projection(there, here)) == 3
-
-
 def test_metrics_of_two_known_clouds() -> None:
     predicted = np.array([[0, 0, 0], [1, 0, 0]], np.float32)
     true = np.array([[0, 0, 0.015], [1, 0, 0], [1, 0, 0.5]], np.float32)
@@ -104,58 +76,6 @@ def test_the_interval_covers_the_mean_and_narrows_with_objects() -> None:
     assert high - low == pytest.approx(2 * 1.96 / 20, rel=0.1)
     few_low, few_high = interval(values[:25])[1:]
     assert few_high - few_low > 2 * (high - low)
-
-
-@pytest.fixture
-def examples() -> Examples:
-    rng = np.random.default_rng(0)
-    crops = np.zeros((10, 4, 32, 32, 4), np.uint8)
-    crops[:, :, 8:24, 8:24] = [200, 30, 30, 255]
-    crops[..., 0] = np.where(crops[..., 3] > 0, np.arange(10)[:, None, None, None] * 20, 0)
-    entries = [Entry(str(i), "n", "s", "c", "x", "CC0", "h", "f", "train") for i in range(10)]
-    return Examples(entries, crops, rng.random((10, 500, 3), np.float32))
-
-
-TINY = TrainConfig(batch=4, points=16, target_points=20)
-
-
-def test_a_batch_depends_on_seed_and_step_alone(examples: Examples) -> None:
-    first, again = draw_batch(examples, TINY, 7), draw_batch(examples, TINY, 7)
-    assert (first.images == again.images).all()
-    assert (first.canonical == again.canonical).all()
-    assert (first.points == again.points).all()
-    for other in (draw_batch(examples, TINY, 8), draw_batch(examples, replace(TINY, seed=1), 7)):
-        assert (first.images != other.images).any()
-        assert (first.canonical != other.canonical).any()
-
-
-def test_every_object_comes_once_per_epoch(examples: Examples) -> None:
-    owners = []
-    for step in range(5):  # 5 steps of 4: two epochs of 10
-        batch = draw_batch(examples, TINY, step)
-        owners += [int(np.abs(examples.points - p[0].numpy()).sum(2).min(1).argmin()) for p in batch.points]
-    assert sorted(owners) == sorted([*range(10), *range(10)])
-
-
-def test_images_and_points_of_a_batch_are_of_the_same_object(examples: Examples) -> None:
-    plain = [float(plain_images(examples.crops[i, :1])[0, 1, 8, 8]) for i in range(10)]
-    assert len(set(plain)) == 1  # green is the same for all: only red tells
-    batch = draw_batch(examples, replace(TINY, batch=10), 0)
-    for image, points in zip(batch.images, batch.points, strict=True):
-        owner = int(np.abs(examples.points - points[0].numpy()).sum(2).min(1).argmin())
-        ratio = float(image[0, 8, 8] / image[1, 8, 8])  # light changes both, the tint by up to 12%
-        grey = float(image.std(dim=0)[8, 8]) < 1e-3
-        assert grey or ratio == pytest.approx(owner * 20 / 30, rel=0.3, abs=0.05)
-
-
-def test_augmentation_keeps_the_range_and_mixes_backgrounds(examples: Examples) -> None:
-    crops = torch.from_numpy(examples.crops[:, 0]).permute(0, 3, 1, 2).float() / 255
-    images = augment(torch.cat([crops] * 10), np.random.default_rng(0))
-    assert images.shape == (100, 3, 16, 16)
-    assert float(images.min()) >= 0
-    assert float(images.max()) <= 1
-    white = (images[:, :, 0, 0] == 1).all(dim=1).float().mean()
-    assert 0.3 < float(white) < 0.7
 
 
 def test_config_survives_its_checkpoint_form() -> None:
