@@ -1,28 +1,33 @@
-"""Evaluate an exported encoder on a split, along the path that a user's bytes take.
+"""Measure answers on a split, along the path that a user's bytes take.
 
 Each view becomes a PNG; `service.images` decodes and frames it, `service.encoder` runs the ONNX file,
-`service.sampler` draws the points. Beside it stand two answers that need no image.
+`service.sampler` draws the points. Objects are measured in threads; every figure is a mean over an
+object's views.
 """
 
-import io
-from collections.abc import Callable, Iterator
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
 import numpy.typing as npt
-from PIL import Image
 from tqdm import tqdm
 
 from model.data.manifest import Entry, Manifest, Split
 from model.metrics import NAMES, compare
+from model.perturb import Condition, condition_views, png
 from service.encoder import Encoder
 from service.images import preprocess
 from service.sampler import sample
 
 Floats = npt.NDArray[np.float32]
+Values = npt.NDArray[np.float64]
 Bytes = npt.NDArray[np.uint8]
+Answer = Callable[[bytes, int], Floats]  # an image file's bytes, n -> points (n, 3)
+T = TypeVar("T")
 
 VIEWS: Final = (1, 7, 13, 19)  # of 24: one in each quarter turn
 POINTS: Final = 10_000  # predicted, against all 10,000 true ones
@@ -39,14 +44,19 @@ class Case:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Figures of one method: `values[object id][metric]`, the mean over that object's views."""
+    """Figures of one method: `figures[metric]` holds one value per object, in manifest order.
+
+    condition, n : what the images were like, and how many points were predicted.
+    """
 
     method: str
-    values: dict[str, dict[str, float]]
+    figures: dict[str, Values]
+    condition: Condition = "plain"
+    n: int = POINTS
 
-    def column(self, metric: str) -> npt.NDArray[np.float64]:
-        """The metric of every object, in manifest order, (objects,)."""
-        return np.array([figures[metric] for figures in self.values.values()])
+    def column(self, metric: str) -> Values:
+        """The metric of every object, (objects,)."""
+        return self.figures[metric]
 
 
 def cases(data: Path, split: Split) -> Iterator[Case]:
@@ -56,45 +66,66 @@ def cases(data: Path, split: Split) -> Iterator[Case]:
             yield Case(entry, arrays["views"], arrays["points"])
 
 
+def encoder_answer(encoder: Encoder) -> Answer:
+    """What the service would answer with this encoder."""
+
+    def answer(photo: bytes, n: int) -> Floats:
+        theta = encoder.encode(preprocess(photo, encoder.framing).tensor)[0]
+        return np.concatenate(list(sample(encoder.spec, [theta] * encoder.spec.k, n)))
+
+    return answer
+
+
 def predict(encoder: Encoder, view: Bytes, n: int = POINTS) -> Floats:
     """Points of the object in one view, as the service would answer: (S, S, 4) uint8 -> (n, 3)."""
-    png = io.BytesIO()
-    Image.fromarray(view).save(png, format="PNG")
-    framed = preprocess(png.getvalue(), encoder.framing)
-    theta = encoder.encode(framed.tensor)[0]
-    return np.concatenate(list(sample(encoder.spec, [theta] * encoder.spec.k, n)))
+    return encoder_answer(encoder)(png(view), n)
 
 
-def evaluate(encoder: Encoder, data: Path, split: Split, seed: int = 0) -> list[Evaluation]:
-    """The encoder, the mean shape and a random training shape on every object of a split.
+def measure(
+    method: str,
+    answer: Answer,
+    objects: Sequence[Case],
+    data: Path,
+    condition: Condition = "plain",
+    counts: Sequence[int] = (POINTS,),
+    seed: int = 0,
+) -> list[Evaluation]:
+    """One evaluation per count of points of a method that looks at images.
 
-    The mean shape is POINTS drawn from all training objects' points together.
+    The largest count is asked for; its first n points are the answer for n, as sampling is prefix-stable.
+
+    Raises
+    ------
+    FileNotFoundError : the condition's images are not rendered.
     """
-    training = list(Manifest.read(data).of("train"))
-    rng = np.random.default_rng(seed)
-    pool = _pool(data, training, rng)
-    methods: dict[str, Callable[[Case], list[Floats]]] = {
-        encoder.name: lambda case: [predict(encoder, case.views[view]) for view in VIEWS],
-        "mean shape": lambda _: [pool],
-        "random training shape": lambda _: [_points(data, training[int(rng.integers(len(training)))])],
-    }
-    found: dict[str, dict[str, dict[str, float]]] = {method: {} for method in methods}
-    total = sum(1 for _ in Manifest.read(data).of(split))
-    for case in tqdm(cases(data, split), total=total, desc=f"evaluate {split}", unit="object"):
-        for method, answer in methods.items():
-            views = [compare(predicted, case.points) for predicted in answer(case)]
-            found[method][case.entry.id] = {name: float(np.mean([view[name] for view in views])) for name in NAMES}
-    return [Evaluation(method, values) for method, values in found.items()]
+
+    def figures(case: Case) -> list[dict[str, float]]:
+        photos = condition_views(data, case.entry, condition, case.views[list(VIEWS)], seed)
+        answers = [answer(photo, max(counts)) for photo in photos]
+        return [_mean([compare(points[:n], case.points) for points in answers]) for n in counts]
+
+    rows = _in_threads(figures, objects, f"{method}, {condition}")
+    return [
+        Evaluation(method, _columns(found), condition, n)
+        for n, found in zip(counts, zip(*rows, strict=True), strict=True)
+    ]
 
 
-def _points(data: Path, entry: Entry) -> Floats:
-    with np.load(data / entry.file) as arrays:
-        points: Floats = arrays["points"]
-    return points
+def measure_objects(
+    method: str, figures: Callable[[Case], dict[str, float]], objects: Sequence[Case], n: int = POINTS
+) -> Evaluation:
+    """The evaluation of a method that looks at no image: a reference, a bound."""
+    return Evaluation(method, _columns(_in_threads(figures, objects, method)), n=n)
 
 
-def _pool(data: Path, training: list[Entry], rng: np.random.Generator) -> Floats:
-    """POINTS drawn from the union of all training clouds."""
-    share = -(-POINTS // len(training))
-    drawn = np.concatenate([rng.permutation(_points(data, entry))[:share] for entry in training])
-    return rng.permutation(drawn)[:POINTS]
+def _in_threads(work: Callable[[Case], T], objects: Sequence[Case], what: str) -> list[T]:
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        return list(tqdm(threads.map(work, objects), total=len(objects), desc=what, unit="object"))
+
+
+def _mean(views: Sequence[dict[str, float]]) -> dict[str, float]:
+    return {name: float(np.mean([view[name] for view in views])) for name in NAMES}
+
+
+def _columns(rows: Sequence[dict[str, float]]) -> dict[str, Values]:
+    return {name: np.array([row[name] for row in rows]) for name in NAMES}

@@ -1,108 +1,203 @@
-"""RESULTS.md, its picture and the raw metrics behind it, all from one evaluation."""
+"""RESULTS.md, its pictures and the raw metrics behind it: one evaluation, and the records of trained baselines."""
 
-import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-import numpy as np
-from PIL import Image, ImageDraw
-
-from model.card import figures
+from model import tables
+from model.asked import asked_table, checks
+from model.classes import class_of
+from model.comparison import COUNTS, ORACLE, RETRIEVAL, encoder_record, references
 from model.data.manifest import Manifest, Split
-from model.data.preview import flatten
-from model.evaluate import POINTS, VIEWS, Case, Evaluation, cases, evaluate, predict
-from model.metrics import NAMES
-from model.provenance import provenance
+from model.evaluate import POINTS, VIEWS, Evaluation, cases
+from model.perturb import CONDITIONS, FREE_VIEWS
+from model.records import Decoder, Record
+from model.sheets import SHOWN, SHOWN_PER_CLASS, everyday_objects, first_objects
+from model.timing import encoder_ms
 from service.encoder import Encoder
-from service.picture import draw
 
-CELL: Final = 160
-LABEL: Final = 16
-SHOWN: Final = 24  # objects, the first of the split in manifest order
-COLUMNS: Final = 2  # objects side by side
+FOLDER: Final = Path("model/results")  # below the project's root
 
+# Mitchell et al. 2020, tables 1 and 2.
+PAPER: Final = """| method | CD(P, T) | CD(T, P) | parameters | layers |
+|---|---|---|---|---|
+| 3D-R2N2 | 2.588 | 3.342 | 2,000,000+ | 12 |
+| PSG | 1.982 | 2.146 | - | - |
+| EPCG | 1.846 | 1.701 | 60,000,000+ | 8 |
+| FoldingNet | 1.563 | 1.534 | 1,056,775 | 6 |
+| DeepSDF | 1.521 | 0.962 | 1,578,241 | 8 |
+| HOF-1 | 1.517 | 1.021 | 7,171 | 2 |
+| HOF-3 | 1.480 | 1.014 | 34,052 | 4 |
 
-def report(encoder: Encoder, data: Path, split: Split, root: Path, seed: int = 0) -> list[Evaluation]:
-    """Evaluate, then write `root/RESULTS.md`, `root/model/results/<model>.json` and `.png`."""
-    evaluations = evaluate(encoder, data, split, seed)
-    folder = root / "model" / "results"
-    folder.mkdir(parents=True, exist_ok=True)
-    raw = {
-        "model": encoder.name,
-        "digest": encoder.digest,
-        "split": split,
-        **provenance(seed),
-        "config": encoder.card.get("training", {}),
-        "objects": {found.method: found.values for found in evaluations},
-    }
-    (folder / f"{encoder.name}.json").write_text(json.dumps(raw, indent=1) + "\n", encoding="utf-8")
-    contact_sheet(encoder, data, split).save(folder / f"{encoder.name}.png", optimize=True)
-    (root / "RESULTS.md").write_text(_markdown(encoder, data, split, evaluations, seed), encoding="utf-8")
-    return evaluations
+| method | F@1%, class-uniform | F@1%, class-weighted |
+|---|---|---|
+| oracle nearest neighbour | 0.290 | 0.321 |
+| AtlasNet | 0.252 | 0.287 |
+| OGN | 0.217 | 0.230 |
+| Matryoshka | 0.264 | 0.297 |
+| retrieval | 0.237 | 0.260 |
+| HOF | 0.291 | 0.310 |"""
 
 
-def table(evaluations: list[Evaluation]) -> str:
-    """Methods by metrics, mean and 95% bootstrap interval over objects, as Markdown."""
-    lines = [f"| method | {' | '.join(NAMES)} |", f"|---|{'---|' * len(NAMES)}"]
-    for method, values in figures(evaluations).items():
-        cells = [f"{mean:.3f} ({low:.3f} to {high:.3f})" for mean, low, high in (values[name] for name in NAMES)]
-        lines.append(f"| {method} | {' | '.join(cells)} |")
-    return "\n".join(lines)
+@dataclass(frozen=True)
+class Shipped:
+    """The model that is reported: its name, digest, size on disk in bytes, milliseconds per image on one core."""
+
+    name: str
+    digest: str
+    bytes_: int
+    ms: float
 
 
-def contact_sheet(encoder: Encoder, data: Path, split: Split) -> Image.Image:
-    """Image, truth and prediction of the split's first objects, in manifest order."""
-    shown = [case for case, _ in zip(cases(data, split), range(SHOWN), strict=False)]
-    rows = -(-len(shown) // COLUMNS)
-    sheet = Image.new("RGB", (COLUMNS * 3 * CELL, rows * (CELL + LABEL)), "white")
-    pen = ImageDraw.Draw(sheet)
-    for index, case in enumerate(shown):
-        left, top = index % COLUMNS * 3 * CELL, index // COLUMNS * (CELL + LABEL)
-        pen.text((left + 2, top), f"{case.entry.id}: image, truth, prediction", fill="black")
-        for column, cell in enumerate(_cells(encoder, case)):
-            sheet.paste(cell, (left + column * CELL, top + LABEL))
-    return sheet
+def report(model: Path, data: Path, split: Split, root: Path, seed: int = 0) -> str:
+    """Evaluate an ONNX file, then write `root/RESULTS.md`, `root/model/results/<model>.json` and its pictures.
+
+    Every other record in `root/model/results` enters the tables. Returns the table of asked figures.
+
+    Raises
+    ------
+    FileNotFoundError : no data set, or `hof-model data vary` has not been run.
+    ValueError : a record is of other objects.
+    """
+    encoder = Encoder.open(model, threads=1)
+    shipped = Shipped(encoder.name, encoder.digest, model.stat().st_size, encoder_ms(model.read_bytes()))
+    folder = root / FOLDER
+    ours = encoder_record(encoder, data, split, seed, CONDITIONS, COUNTS)
+    ours = replace(ours, evaluations=(*ours.evaluations, *references(data, split, seed, CONDITIONS)))
+    ours.write(folder / f"{encoder.name}.json")
+    objects = list(cases(data, split))
+    first_objects(encoder, objects).save(folder / f"{encoder.name}.png", optimize=True)
+    everyday_objects(encoder, objects).save(folder / f"{encoder.name}-everyday.png", optimize=True)
+    others = read_others(folder, ours)
+    page = markdown(ours, others, shipped, Manifest.read(data))
+    (root / "RESULTS.md").write_text(page, encoding="utf-8")
+    classes = [class_of(case.entry) for case in objects]
+    return asked_table(checks(ours.evaluations, encoder.name, classes, shipped.bytes_, shipped.ms))
 
 
-def _cells(encoder: Encoder, case: Case) -> list[Image.Image]:
-    view = case.views[VIEWS[0]]
-    clouds = (case.points, predict(encoder, view))
-    return [Image.fromarray(flatten(view)).resize((CELL, CELL))] + [Image.fromarray(draw(c, CELL)) for c in clouds]
+def read_others(folder: Path, ours: Record) -> list[Record]:
+    """The records of trained methods that are not shipped, by name of their files.
+
+    Raises
+    ------
+    ValueError : a record is of other objects than ours.
+    """
+    found = []
+    for path in sorted(folder.glob("*.json")):
+        record = Record.read(path)
+        if record.method == ours.method:
+            continue
+        if (record.split, record.ids) != (ours.split, ours.ids):
+            raise ValueError(f"{path} is of other objects: evaluate it again with `hof-model evaluate -o`")
+        found.append(record)
+    return found
 
 
-def _markdown(encoder: Encoder, data: Path, split: Split, evaluations: list[Evaluation], seed: int) -> str:
-    manifest = Manifest.read(data)
-    made = provenance(seed)
-    objects = sum(1 for _ in manifest.of(split))
-    model, mean_shape = evaluations[0], evaluations[1]
-    summed = [float(np.mean(found.column("cd_forward") + found.column("cd_backward"))) for found in (model, mean_shape)]
+def markdown(ours: Record, others: Sequence[Record], shipped: Shipped, manifest: Manifest) -> str:
+    """The whole page."""
+    names = {entry.id: class_of(entry) for entry in manifest.entries}
+    classes = [names[id_] for id_ in ours.ids]
+    evaluations = [*_shipped_first(ours), *(found for record in others for found in record.evaluations)]
+    decoders = {record.method: record.decoder for record in (ours, *others) if record.decoder}
+    asked = checks(evaluations, ours.method, classes, shipped.bytes_, shipped.ms)
+    return "\n\n".join(
+        [
+            _head(ours, shipped),
+            f"## Asked and measured\n\n{asked_table(asked)}",
+            _comparison(evaluations, decoders, ours.method),
+            _classes(evaluations, classes, [ours.method, RETRIEVAL, ORACLE]),
+            f"## Points\n\n{tables.by_count(evaluations, ours.method)}",
+            _conditions(evaluations, [ours.method, RETRIEVAL]),
+            _trained(others),
+            f"## The paper's own figures\n\nAnother data set (ShapeNet) and scale: not to be compared.\n\n{PAPER}",
+            _pictures(ours, shipped),
+        ]
+    )
+
+
+def _shipped_first(ours: Record) -> list[Evaluation]:
+    return sorted(ours.evaluations, key=lambda found: found.method != ours.method)
+
+
+def _head(ours: Record, shipped: Shipped) -> str:
+    made = ours.made
+    training = made["training"]
     return f"""# Results
 
 Written by `make results`: the shipped weights, evaluated along the path of a user's bytes (PNG, `service.images`,
-the ONNX file, the sampler).
+the ONNX file, the sampler), beside answers that need no training and the raw metrics in `{FOLDER}`.
 
 - Machine: {made["machine"]}. Date: {made["date"]}. Seed: {made["seed"]}. Commit: {made["commit"]}.
-- Data: Sweet Home 3D furniture, {split} split, {objects} objects that no training object repeats, views
-  {", ".join(map(str, VIEWS))} of 24; {POINTS:,} predicted against 10,000 true points.
-- Model: `{encoder.name}`, sha256 {encoder.digest[:16]}. Training: {encoder.card["training"]["steps"]:,} steps in
-  {encoder.card["training"]["minutes"]} minutes.
+- Data: Sweet Home 3D furniture, {ours.split} split, {len(ours.ids)} objects that no training object repeats, views
+  {", ".join(map(str, VIEWS))} of 24; {POINTS:,} predicted against 10,000 true points where nothing else is said.
+- Model: `{shipped.name}`, sha256 {shipped.digest[:16]}, {shipped.bytes_ / 1e6:.1f} MB, {shipped.ms:.1f} ms an image on
+  one core (onnxruntime, one thread, median of 50). Training: {training.get("steps", 0):,} steps in
+  {training.get("minutes", 0)} minutes.
 
-## Test split
+Figures are means over objects (class-weighted), with the 95% bootstrap interval over objects. `cd_forward` and
+`cd_backward` are cd_epcg, the mean unsquared nearest distance predicted -> true and true -> predicted, x100 of the
+longest side; `cd_sq` is the sum of both squared, x100; `f@t` is the F-score at t of the longest side."""
 
-Mean over objects, with the 95% bootstrap interval over objects. `cd_forward` and `cd_backward` are cd_epcg, the mean
-unsquared nearest distance predicted -> true and true -> predicted, x100 of the longest side; `cd_sq` is the sum of both
-squared, x100; `f@t` is the F-score at t of the longest side.
 
-{table(evaluations)}
+def _comparison(evaluations: Sequence[Evaluation], decoders: dict[str, Decoder], method: str) -> str:
+    return f"""## Comparison
 
-Summed cd_epcg: {summed[0]:.2f}, against {summed[1]:.2f} for the mean shape: {summed[1] / summed[0]:.2f} times better.
-The mean shape is {POINTS:,} points of all training objects together; the random training shape is drawn anew for each
-test object.
+{tables.comparison(evaluations, decoders)}
 
-## Pictures
+Milliseconds are on one core: the shipped model in the service's sampler, other trained methods in torch.
+`benchmarks/RESULTS.md` times the decoders in their best form each. Mean shape: points of all training objects
+together. Image retrieval: the training object whose image, any of its 24 views, is nearest by cosine of pretrained
+EfficientNet-Lite0 features. Oracle: the training object nearest to the truth by summed cd_epcg. Same surface: what a
+fresh sample of the true surface would get.
 
-The first {min(SHOWN, objects)} test objects in manifest order: the image that went in (view {VIEWS[0]}), the true
+Differences, object by object; bold where the paired interval excludes 0. Distances are better below 0, F-scores above.
+
+{tables.differences(evaluations, method)}"""
+
+
+def _classes(evaluations: Sequence[Evaluation], classes: Sequence[str], methods: Sequence[str]) -> str:
+    return f"""## Classes
+
+By rules on the catalogue's names (`model/classes.py`). Class-uniform means count every class alike, class-weighted
+ones every object.
+
+{tables.per_class(evaluations, methods, classes)}"""
+
+
+def _conditions(evaluations: Sequence[Evaluation], methods: Sequence[str]) -> str:
+    return f"""## Harder images
+
+The same objects: by other cameras (elevation 0 to 45 degrees, any azimuth, other focal lengths; views
+{", ".join(map(str, FREE_VIEWS))} of 12), on flat colours, on photographs held out from training, and in grey.
+
+{tables.by_condition(evaluations, methods)}"""
+
+
+def _trained(others: Sequence[Record]) -> str:
+    rows = []
+    for record in others:
+        training = record.made.get("training", {})
+        spent = [f"{training['steps']:,}", str(training["minutes"])] if training else ["-"] * 2
+        rows.append([record.method, *spent, str(record.made["seed"]), str(record.made["commit"])])
+    known = tables.table(["method", "steps", "minutes", "seed", "commit"], rows) if rows else "None yet."
+    return f"""## Methods that are not shipped
+
+Trained by `hof-model train` and measured by `hof-model evaluate --run RUN --split test -o {FOLDER}/NAME.json`; the
+config of each is in its file.
+
+{known}"""
+
+
+def _pictures(ours: Record, shipped: Shipped) -> str:
+    return f"""## Pictures
+
+The first {min(SHOWN, len(ours.ids))} objects in manifest order: the image that went in (view {VIEWS[0]}), the true
 points, the predicted points, both seen from 30 degrees to the side and 22 degrees above.
 
-![image, truth, prediction](model/results/{encoder.name}.png)
+![image, truth, prediction]({FOLDER}/{shipped.name}.png)
+
+The first {SHOWN_PER_CLASS} objects of each class of everyday furniture, in manifest order.
+
+![everyday furniture]({FOLDER}/{shipped.name}-everyday.png)
 """

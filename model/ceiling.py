@@ -1,0 +1,57 @@
+"""The ceiling: how close the mapping function comes when theta is fitted to the object itself, without any image."""
+
+from concurrent.futures import ThreadPoolExecutor
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from tqdm import tqdm
+
+from model.losses import chamfer
+from model.networks import power
+from service.canonical import canonical_points
+from service.mapping import MappingSpec, initial_theta
+
+Floats = npt.NDArray[np.float32]
+
+STEPS: Final = 1_000
+POINTS: Final = 1_000  # predicted and true, drawn anew in every step
+LEARNING_RATE: Final = 3e-3
+BATCH: Final = 13  # objects fitted at once
+
+
+def fit(spec: MappingSpec, clouds: Floats, seed: int = 0) -> Floats:
+    """theta of each cloud, by Adam on the Chamfer distance (paper, eq. 3) of f^k(X) to it.
+
+    Every fit starts from the same initialisation; the learning rate falls to 0 along a cosine.
+
+    Parameters
+    ----------
+    clouds : (objects, m, 3) float32, object frame.
+
+    Returns
+    -------
+    (objects, spec.size) float32.
+    """
+    batches = [clouds[start : start + BATCH] for start in range(0, len(clouds), BATCH)]
+    with tqdm(total=len(batches) * STEPS, desc="ceiling", unit="step") as bar:
+        return np.concatenate([_fit(spec, batch, seed, bar) for batch in batches])
+
+
+def _fit(spec: MappingSpec, clouds: Floats, seed: int, bar: "tqdm[None]") -> Floats:
+    rng = np.random.default_rng(seed)
+    theta = torch.from_numpy(np.stack([initial_theta(spec, seed)] * len(clouds))).requires_grad_()
+    optimizer = torch.optim.Adam([theta], lr=LEARNING_RATE)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, STEPS)
+    with ThreadPoolExecutor() as threads:
+        for _ in range(STEPS):
+            canonical = canonical_points(spec.domain, POINTS, int(rng.integers(2**62)))
+            true = torch.from_numpy(clouds[:, rng.integers(clouds.shape[1], size=POINTS)])
+            predicted = power(spec, theta, torch.from_numpy(canonical).expand(len(clouds), -1, -1))
+            optimizer.zero_grad(set_to_none=True)
+            chamfer(predicted, true, threads).backward()  # type: ignore[no-untyped-call]
+            optimizer.step()
+            schedule.step()
+            bar.update()
+    return theta.detach().numpy()

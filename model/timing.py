@@ -1,0 +1,69 @@
+"""What a method costs: its decoder's size, and milliseconds on one core (medians)."""
+
+import statistics
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import torch
+from torch import nn
+
+from model.baselines import Hof
+from model.records import Decoder
+from model.train import load_network, load_predictor
+from service.encoder import Encoder
+from service.sampler import sample
+
+REPEATS: Final = 50
+POINTS: Final = 10_000
+
+
+def median_ms(call: Callable[[], object], repeats: int = REPEATS) -> float:
+    """Median milliseconds of a call, after one that does not count."""
+    call()
+    times = []
+    for _ in range(repeats):
+        started = time.perf_counter()
+        call()
+        times.append(time.perf_counter() - started)
+    return round(1000 * statistics.median(times), 2)
+
+
+def encoder_ms(data: bytes) -> float:
+    """Milliseconds of one image through an ONNX file, onnxruntime on one thread."""
+    return median_ms(Encoder(data, threads=1).warm_up)
+
+
+def mapping_decoder(encoder: Encoder) -> Decoder:
+    """The mapping function, k times applied, as the service samples it."""
+    spec = encoder.spec
+    theta = encoder.encode(np.full((1, 3, encoder.framing.size, encoder.framing.size), 0.5, np.float32))[0]
+
+    def draw() -> None:
+        for _ in sample(spec, [theta] * spec.k, POINTS):
+            pass
+
+    return Decoder(spec.size, len(spec.hidden) + 1, median_ms(draw))
+
+
+def network_decoder(checkpoint: Path) -> Decoder:
+    """A trained network's decoder in torch on one thread: what all points take more than one point."""
+    network, config, _ = load_network(checkpoint)
+    predict = load_predictor(checkpoint)
+    images = np.ones((1, 3, config.framing.size, config.framing.size), np.float32)
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        ms = median_ms(lambda: predict(images, POINTS, 0)) - median_ms(lambda: predict(images, 1, 0))
+    finally:
+        torch.set_num_threads(threads)
+    if isinstance(network, Hof):
+        return Decoder(config.spec.size, len(config.spec.hidden) + 1, round(ms, 2))
+    linears = [
+        module
+        for name, module in network.named_modules()
+        if isinstance(module, nn.Linear) and not name.startswith(("trunk", "code"))
+    ]
+    return Decoder(sum(p.numel() for module in linears for p in module.parameters()), len(linears), round(ms, 2))

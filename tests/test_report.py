@@ -1,0 +1,64 @@
+"""One report from a tiny encoder: the page, the raw metrics, the pictures, and another method's record."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import small_data
+from PIL import Image
+
+from model import cli
+from model.records import Record
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return small_data.write(tmp_path_factory.mktemp("report") / "data", train=3, test=2)
+
+
+@pytest.fixture(scope="module")
+def root(data: Path, model_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("root")
+    other = ["evaluate", "--model", str(model_path), "--data", str(data), "--split", "test"]
+    assert cli.main([*other, "-o", str(folder / "model/results/rival.json")]) == 0
+    rival = Record.read(folder / "model/results/rival.json")
+    renamed = replace(rival, method="rival", evaluations=tuple(replace(e, method="rival") for e in rival.evaluations))
+    renamed.write(folder / "model/results/rival.json")
+    assert cli.main(["results", "--model", str(model_path), "--data", str(data), "-o", str(folder)]) == 0
+    return folder
+
+
+def test_the_page_holds_every_table(root: Path) -> None:
+    page = (root / "RESULTS.md").read_text()
+    for head in ("Asked and measured", "Comparison", "Classes", "Points", "Harder images", "not shipped", "Pictures"):
+        assert head in page
+    assert "| rival |" in page
+    assert page.count("| tiny-k2 |") >= 6  # once compared, five conditions
+    assert "test split, 2 objects" in page
+
+
+def test_the_raw_metrics_are_behind_it(root: Path) -> None:
+    record = Record.read(root / "model/results/tiny-k2.json")
+    assert record.ids == ("object03", "object04")
+    assert len(record.evaluations) == 5 + 2 + 5 + 4  # conditions, other counts; retrieval, other references
+    assert len(record.made["digest"]) == 64
+
+
+def test_pictures_show_the_objects(root: Path) -> None:
+    for name, objects in (("tiny-k2", 2), ("tiny-k2-everyday", 2)):
+        with Image.open(root / f"model/results/{name}.png") as sheet:
+            assert sheet.size == (2 * 3 * 160, -(-objects // 2) * 176)
+            for column in range(6):
+                cell = sheet.crop((column * 160, 16, (column + 1) * 160, 176))
+                assert len(cell.getcolors(100_000) or []) > 1, (name, column)
+
+
+def test_a_record_of_other_objects_is_refused(
+    root: Path, data: Path, model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "model/results"
+    rival = Record.read(root / "model/results/rival.json")
+    replace(rival, ids=("object03",)).write(folder / "rival.json")
+    assert cli.main(["results", "--model", str(model_path), "--data", str(data), "-o", str(tmp_path)]) == 2
+    assert "is of other objects" in capsys.readouterr().err
+    assert not (tmp_path / "RESULTS.md").exists()
