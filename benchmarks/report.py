@@ -34,6 +34,7 @@ class Report:
 
     rounds: int
     asked: list[Asked] = field(default_factory=list)
+    made: dict[str, str | int] = field(default_factory=lambda: provenance(SEED))  # before any file is written
     _sections: list[str] = field(default_factory=list)
 
     def sampler(self, name: str, times: dict[int, dict[str, Seconds]], tiles: dict[str, int]) -> None:
@@ -94,7 +95,7 @@ class Report:
 
     def write(self, path: Path) -> None:
         """Write the page."""
-        made = provenance(SEED)
+        made = self.made
         rows = [
             f"| {item.what} | {item.measured:.2f} | {'<=' if item.at_most else '>='} {item.limit:g} | "
             f"{'yes' if item.met else '**no**'} |"
