@@ -57,7 +57,7 @@ class Report:
             for name, rate in rates.items()
         )
         self._sections.append(
-            f"## Roofline, HOF-1, k = 1\n\nThis core's float32 peak, by a 1024 x 1024 matrix product: {peak / 1e9:.0f} "
+            f"## Roofline, HOF-1, k = 1\n\nThis core's float32 peak, by a 2048 x 2048 matrix product: {peak / 1e9:.0f} "
             f"GFLOP/s. The fused limit, 7 vector operations per 16 point-hidden pairs: {fused_limit / 1e6:.1f} "
             "Mpoints/s. Operations are counted as the whole network has them: a folded one does the same with fewer "
             "and may pass the limit.\n\n"

@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Final
 
 import numpy as np
@@ -33,7 +33,7 @@ def seconds(run: Callable[[], object]) -> float:
     return time.perf_counter() - start
 
 
-def in_turn(runs: dict[str, Callable[[], object]], rounds: int) -> dict[str, Seconds]:
+def in_turn(runs: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, Seconds]:
     """Seconds of each run in each round, (rounds,); within a round all run back to back, after one warm-up."""
     for run in runs.values():
         run()

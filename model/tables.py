@@ -1,7 +1,6 @@
 """The tables of RESULTS.md, each a function of evaluations alone."""
 
 from collections.abc import Sequence
-from typing import Final
 
 import numpy as np
 
@@ -11,9 +10,6 @@ from model.evaluate import POINTS, Evaluation
 from model.metrics import NAMES, Values, class_uniform, interval
 from model.perturb import CONDITIONS, Condition
 from model.records import Decoder
-
-F_SCORES: Final = ("f@1%", "f@2%", "f@5%")
-DISTANCES: Final = ("cd_forward", "cd_backward", "cd_sq")
 
 
 def find(evaluations: Sequence[Evaluation], method: str, condition: Condition = "plain", n: int = POINTS) -> Evaluation:

@@ -54,6 +54,13 @@ def test_the_table_of_settings_is_that_of_the_code() -> None:
     assert rows == [_setting_row(name) for name in Settings.model_fields]
 
 
+def test_the_performance_section_quotes_what_was_measured() -> None:
+    section = README.partition("## Performance\n")[2].partition("\n## ")[0]
+    rows = [line for line in section.splitlines() if line.startswith("|")]
+    assert len(rows) > 10
+    assert set(rows) <= set((ROOT / "benchmarks" / "RESULTS.md").read_text("utf-8").splitlines())
+
+
 def test_the_formats_are_those_of_the_code() -> None:
     told = re.search(r"^Formats: (.*?), by", README, re.MULTILINE)
     assert told
