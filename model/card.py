@@ -9,8 +9,9 @@ from model.metrics import NAMES, interval
 from model.provenance import provenance
 
 LIMITS = (
-    "Trained on renders of about 600 pieces of furniture, household things, vehicles, plants and people seen from "
-    "15 to 35 degrees above, on plain grounds: other things, other viewpoints and cluttered photos give rough shapes.",
+    "Trained on renders of about 600 pieces of furniture, household things, vehicles, plants and people, stretched and "
+    "mirrored, seen from 5 degrees below to 55 degrees above, and on no photograph of an object: other things give "
+    "rough shapes that look like one of them.",
     "The object frame has the front at +Z; from a view of the back the model must guess which way that is.",
     "Thin parts (chair legs, lamp stems) come out thicker or thinner than they are, and unseen sides are guesses.",
     "Geometry only: no colour. Scale is not known from a photo: the longest side is 1 unless you pass `scale`.",
