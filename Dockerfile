@@ -1,13 +1,21 @@
 # The service and its model; no torch. Build: docker build -t hof .
 # Run: docker run -p 8080:8080 -v hof:/data hof
 
+FROM node:22-slim AS viewer
+WORKDIR /viewer
+COPY service/viewer/package.json service/viewer/package-lock.json service/viewer/.npmrc ./
+RUN npm ci --no-audit --no-fund
+
 FROM python:3.11-slim AS build
 WORKDIR /src
 RUN python -m venv /opt/hof
-COPY pyproject.toml README.md LICENSE NOTICE ./
+COPY pyproject.toml setup.py README.md LICENSE NOTICE ./
 COPY service service
 COPY model model
+COPY demo demo
+COPY --from=viewer /viewer/node_modules service/viewer/node_modules
 RUN pip wheel --no-cache-dir --no-deps --wheel-dir /wheels . \
+    && test -f service/viewer/static/bundle/three/LICENSE \
     && /opt/hof/bin/pip install --no-cache-dir "hof[postgres] @ file://$(ls /wheels/hof-*.whl)"
 
 FROM python:3.11-slim

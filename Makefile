@@ -4,6 +4,7 @@ PYTHON ?= python3.11
 TORCH ?= torch==2.13.0
 BIN := .venv/bin
 MATTING := .venv/u2net/rembg/u2netp.onnx
+BUNDLE := service/viewer/static/bundle/three/LICENSE
 GLTF := tests/gltf/node_modules/.package-lock.json
 
 .DEFAULT_GOAL := help
@@ -21,7 +22,7 @@ demo: .venv/service.stamp $(MATTING) ## photos to points over HTTP; writes out/d
 serve: .venv/service.stamp $(MATTING) ## the service on 127.0.0.1:8080; settings by HOF_* variables
 	$(BIN)/hof serve
 
-test: .venv/dev.stamp .venv/system.stamp $(GLTF) $(MATTING) ## all tests
+test: .venv/dev.stamp .venv/system.stamp $(BUNDLE) $(GLTF) $(MATTING) ## all tests
 	$(BIN)/pytest
 
 lint: .venv/dev.stamp ## ruff and mypy
@@ -42,18 +43,19 @@ openapi: .venv/service.stamp ## write openapi.json as the service serves it
 	mv openapi.json.part openapi.json
 
 clean: ## remove what was installed, cached and written; data sets and runs stay
-	rm -rf .venv tests/gltf/node_modules out build *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf .venv tests/gltf/node_modules service/viewer/node_modules service/viewer/static/bundle
+	rm -rf out build *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
 
 .venv/bin/python:
 	$(PYTHON) -m venv .venv
 
-# The service alone: no torch.
-.venv/service.stamp: pyproject.toml | .venv/bin/python
+# The service alone: no torch. Where there is npm, its page too: setup.py.
+.venv/service.stamp: pyproject.toml setup.py service/viewer/package-lock.json | .venv/bin/python
 	$(BIN)/pip install --quiet --editable .
 	@touch $@
 
 # In one call, so that pip takes this torch and no other.
-.venv/dev.stamp: pyproject.toml | .venv/bin/python
+.venv/dev.stamp: pyproject.toml setup.py service/viewer/package-lock.json | .venv/bin/python
 	$(BIN)/pip install --quiet --editable '.[dev,train]' '$(TORCH)'
 	@touch $@ .venv/service.stamp
 
@@ -64,6 +66,10 @@ clean: ## remove what was installed, cached and written; data sets and runs stay
 .venv/system.stamp: tests/system.sh | .venv/bin/python
 	bash tests/system.sh
 	@touch $@
+
+# Once more, for machines that had no npm before.
+$(BUNDLE): setup.py service/viewer/package-lock.json | .venv/dev.stamp .venv/system.stamp
+	$(BIN)/pip install --quiet --no-deps --editable .
 
 # The package for its model alone: its code and what that requires are not needed.
 $(MATTING): | .venv/bin/python

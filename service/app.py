@@ -9,7 +9,6 @@ from functools import partial
 from typing import Any, Final
 
 from fastapi import Depends, FastAPI, Request
-from fastapi.openapi.docs import get_swagger_ui_html
 from starlette.responses import Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
@@ -18,7 +17,7 @@ from service.encoder import Encoder
 from service.errors import InvalidParameter
 from service.matting import Matting
 from service.openapi import openapi_text
-from service.routes import encode, health, objects
+from service.routes import compose, encode, health, objects, viewer
 from service.runtime import Runtime
 from service.sampler import hold_blas_to_one_thread
 from service.schemas import Problem
@@ -54,9 +53,10 @@ def create_app(settings: Settings) -> FastAPI:
     app.state.runtime = None
     problems.install(app)
     app.add_middleware(HeadAsGet)
-    for module in (encode, objects, health):
+    for module in (encode, compose, objects, health):
         app.include_router(module.router, responses=RESPONSES)
     _serve_schema(app)
+    app.router.routes.extend(viewer.routes)
     return app
 
 
@@ -87,17 +87,13 @@ async def _lifespan(settings: Settings, app: FastAPI) -> AsyncIterator[None]:
 
 
 def _serve_schema(app: FastAPI) -> None:
-    """/openapi.json, byte for byte as committed, and /docs."""
+    """/openapi.json, byte for byte as committed."""
     text = openapi_text(app)
 
     async def schema(request: Request) -> Response:
         return Response(text, media_type="application/json")
 
-    async def docs(request: Request) -> Response:
-        return get_swagger_ui_html(openapi_url="/openapi.json", title=app.title)
-
     app.add_route("/openapi.json", schema, include_in_schema=False)
-    app.add_route("/docs", docs, include_in_schema=False)
 
 
 class HeadAsGet:

@@ -10,14 +10,17 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Final, get_args
 
+import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from service import __version__
+from service.composition import Member, check
 from service.encoder import Encoder
 from service.errors import HofError, InvalidParameter
 from service.formats import POINT_FORMATS, PointFormat, write
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
 from service.images import Background, preprocess
+from service.mapping import Array, MappingSpec
 from service.matting import Matting
 from service.points import check_size
 from service.schemas import EncodeQuery, PointsQuery
@@ -70,6 +73,12 @@ def _parser() -> argparse.ArgumentParser:
     _add_output(sample, [fmt.extension for fmt in POINT_FORMATS.values()])
     _add_sampling(sample)
     sample.set_defaults(run=_sample)
+
+    compose = commands.add_parser("compose", help="several weights files to points", description=_compose.__doc__)
+    compose.add_argument("weights", type=Path, nargs="+", help="k .safetensors files of one spec")
+    _add_output(compose, [fmt.extension for fmt in POINT_FORMATS.values()])
+    _add_sampling(compose)
+    compose.set_defaults(run=_compose)
 
     info = commands.add_parser("info", help="what a weights file holds", description=_info.__doc__)
     info.add_argument("weights", type=Path, help="a .safetensors file")
@@ -153,19 +162,30 @@ def _encode(arguments: argparse.Namespace) -> None:
     if as_weights:
         _write(arguments.output, [dump(weights, "safetensors")])
     else:
-        _write_points(arguments, weights)
+        _write_points(arguments, weights.spec, weights.theta)
 
 
 def _sample(arguments: argparse.Namespace) -> None:
     """Sample a weights file: the same points as the service gives for the object."""
     _points_query(arguments)
-    _write_points(arguments, load(arguments.weights.read_bytes()))
+    weights = _load(arguments.weights)
+    _write_points(arguments, weights.spec, weights.theta)
+
+
+def _compose(arguments: argparse.Namespace) -> None:
+    """Compose the functions of k weights files and write the points of A B: f_A(f_B(x)), the last one applied first."""
+    _points_query(arguments)
+    word = [_load(path) for path in arguments.weights]
+    kinds = ((weights.spec, bool(weights.word)) for weights in word)
+    check([Member(str(path), *kind) for path, kind in zip(arguments.weights, kinds, strict=True)], "compose")
+    _write_points(arguments, word[0].spec, np.stack([weights.theta for weights in word]))
 
 
 def _info(arguments: argparse.Namespace) -> None:
-    """Print the model's name, the spec and the size of theta, as JSON."""
-    weights = load(arguments.weights.read_bytes())
-    print(json.dumps({"model": weights.model, "spec": asdict(weights.spec), "size": weights.spec.size}, indent=2))
+    """Print the model's name, the spec and the size of theta, as JSON; of a composed object its word too."""
+    weights = _load(arguments.weights)
+    told = {"model": weights.model, "spec": asdict(weights.spec), "size": weights.spec.size}
+    print(json.dumps(told | ({"word": weights.word} if weights.word else {}), indent=2))
 
 
 def _openapi(arguments: argparse.Namespace) -> None:
@@ -174,6 +194,14 @@ def _openapi(arguments: argparse.Namespace) -> None:
     from service.openapi import openapi_text
 
     sys.stdout.write(openapi_text(create_app(Settings())))
+
+
+def _load(path: Path) -> Weights:
+    """A weights file. Raises CorruptWeights or InvalidSpec, which name it."""
+    try:
+        return load(path.read_bytes())
+    except HofError as error:
+        raise type(error)(f"{path}: {error.detail}") from error
 
 
 def _points_query(arguments: argparse.Namespace) -> tuple[PointFormat, PointsQuery]:
@@ -187,9 +215,9 @@ def _points_query(arguments: argparse.Namespace) -> tuple[PointFormat, PointsQue
     return formats[suffix], query
 
 
-def _write_points(arguments: argparse.Namespace, weights: Weights) -> None:
+def _write_points(arguments: argparse.Namespace, spec: MappingSpec, theta: Array) -> None:
     fmt, query = _points_query(arguments)
-    cloud = query.cloud(weights.spec, weights.theta)
+    cloud = query.cloud(spec, theta)
     _write(arguments.output, write(fmt, cloud.n, cloud.chunks))
 
 

@@ -5,6 +5,7 @@
     │   ├── CorruptImage
     │   └── CorruptWeights
     ├── NotFound                404  no object of that id
+    ├── InUse                   409  an object that a composed object's word names
     ├── NotAcceptable           406  no format satisfies the Accept header
     ├── TooLarge                413  more bytes or pixels than the limit
     ├── UnsupportedMedia        415  a body that is no PNG, JPEG or WebP
@@ -55,6 +56,13 @@ class NotFound(HofError):
 
     status = 404
     title = "Not found"
+
+
+class InUse(HofError):
+    """An object that cannot be removed while the word of a composed object names it."""
+
+    status = 409
+    title = "In use"
 
 
 class NotAcceptable(HofError):

@@ -2,12 +2,19 @@
 
 import hashlib
 import json
+import re
+from collections.abc import Sequence
 from typing import Final
 
 from service.images import Mask
 from service.mapping import Array, MappingSpec
 
 ID_DIGITS: Final = 32  # hexadecimal: 128 bits
+
+
+def is_id(text: str) -> bool:
+    """Whether a text can be the id of an object."""
+    return re.fullmatch(rf"[0-9a-f]{{{ID_DIGITS}}}", text) is not None
 
 
 def encoded_id(image: bytes, mask: Mask, foreground_ratio: float, *model_digests: str) -> str:
@@ -28,6 +35,16 @@ def imported_id(spec: MappingSpec, theta: Array) -> str:
     return _digest(
         "imported", {"spec": spec.to_json(), "theta": hashlib.sha256(theta.astype("<f4").tobytes()).hexdigest()}
     )
+
+
+def composed_id(word: Sequence[str]) -> str:
+    """Id of a composed object: the ids of its word."""
+    return _digest("composed", {"word": " ".join(word)})
+
+
+def interpolated_id(parents: Sequence[str]) -> str:
+    """Id of an interpolated object: the ids of those whose thetas it averages, as they were named."""
+    return _digest("interpolated", {"parents": " ".join(parents)})
 
 
 def _digest(kind: str, parts: dict[str, str | float]) -> str:

@@ -173,6 +173,11 @@ def compose(spec: MappingSpec, word: Sequence[Array], x: Array) -> Array:
     return x
 
 
+def word_of(spec: MappingSpec, theta: Array) -> tuple[Array, ...]:
+    """An object's k functions, the last one applied first: the rows of theta (k, size), or theta (size,) k times."""
+    return (theta,) * spec.k if theta.ndim == 1 else tuple(theta)
+
+
 def power(spec: MappingSpec, theta: Array, x: Array) -> Array:
     """f^k(x) with ``k = spec.k`` (paper, eq. 4)."""
     return compose(spec, [theta] * spec.k, x)

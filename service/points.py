@@ -14,8 +14,9 @@ from service.canonical import Sampling, check_range
 from service.errors import InvalidParameter
 from service.formats import PointFormat
 from service.mapping import Array, MappingSpec
-from service.sampler import CHUNK, Sampler
+from service.sampler import CHUNK, SCALES, Sampler
 
+PROBE_POINTS: Final = 4096  # of a new object: that it can be sampled at all
 FIRST_PART: Final = CHUNK // 16  # points; few, so that the first byte comes soon
 PART: Final = CHUNK
 
@@ -70,6 +71,17 @@ class Cloud:
     def chunks(self) -> Iterator[Array]:
         """The points of each part, one after another."""
         return map(self.points, self.parts())
+
+
+def check_finite(spec: MappingSpec, word: tuple[Array, ...]) -> None:
+    """Sample some points of an object, by its k functions, at the largest scale.
+
+    Raises
+    ------
+    CorruptWeights : they exceed float32.
+    """
+    for _ in Cloud(spec, word, PROBE_POINTS, scale=SCALES[1]).chunks():
+        pass  # the sampler raises
 
 
 def check_size(fmt: PointFormat, n: int, max_points: int) -> None:

@@ -39,11 +39,16 @@ def field_errors(errors: Sequence[Mapping[str, Any]]) -> list[FieldError]:
     """Pydantic's errors as (field, message) pairs; unlike pydantic's they never echo the input."""
     return [
         FieldError(
-            field=".".join(str(part) for part in error["loc"] if part not in ("query", "path", "body"))[:64],
+            field=_path([part for part in error["loc"] if part not in ("query", "path", "body")])[:64],
             message="unknown parameter" if error["type"] == "extra_forbidden" else error["msg"],
         )
         for error in errors
     ]
+
+
+def _path(parts: Sequence[str | int]) -> str:
+    """Where in a request, as one writes it: n, objects[1]."""
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in parts).removeprefix(".")
 
 
 def _respond(

@@ -10,9 +10,10 @@ from pydantic import BaseModel, ConfigDict, Field
 from pydantic.json_schema import SkipJsonSchema
 
 from service.canonical import Sampling
+from service.composition import Mode
 from service.formats.weights import WeightFormatName
 from service.images import Background, Framed, Mask
-from service.mapping import Activation, Array, Domain, MappingSpec
+from service.mapping import MAX_K, Activation, Array, Domain, MappingSpec, word_of
 from service.points import Cloud
 from service.sampler import SCALES
 from service.settings import POINTS_CEILING
@@ -84,15 +85,34 @@ class PointsQuery(NoQuery):
     )
 
     def cloud(self, spec: MappingSpec, theta: Array) -> Cloud:
-        """The points of an object that are asked for. Raises InvalidParameter."""
-        return Cloud(spec, (theta,) * spec.k, self.n, self.seed, self.offset, self.scale, self.sampling)
+        """The points that are asked for of an object, theta (size,) or (k, size). Raises InvalidParameter."""
+        return Cloud(spec, word_of(spec, theta), self.n, self.seed, self.offset, self.scale, self.sampling)
 
 
 class WeightsQuery(NoQuery):
     """How theta is written."""
 
     format: WeightFormatName = Field(
-        default="safetensors", description="file format; `safetensors` carries the spec and can be posted to `/objects`"
+        default="safetensors",
+        description="file format; `safetensors` carries the spec and can be posted to `/objects`; `onnx` is the whole "
+        "function, k included: x (n, input_dim) -> points (n, 3), float32",
+    )
+
+
+class Composition(NoQuery):
+    """What to make of which objects."""
+
+    objects: list[str] = Field(
+        min_length=1,
+        max_length=MAX_K,
+        description="ids of objects of one spec, none of them composed: k for `compose`, two or more for "
+        "`interpolate`, two for `all`",
+    )
+    mode: Mode = Field(
+        default="compose",
+        description="`compose` makes the word: of A, B the function f_A(f_B(x)), the last one applied first. `all` "
+        "makes the 2^k words over two objects, in lexicographic order: AA, AB, BA, BB. `interpolate` averages "
+        "theta; an object named twice weighs twice",
     )
 
 
@@ -125,17 +145,37 @@ class StoredObject(BaseModel):
     """An object: a mapping function that the service keeps."""
 
     id: str = Field(examples=["2f7f3b52a9a1c0de9b1d1c4d5e6f7a8b"])
-    kind: Kind = Field(description="`encoded` from an image, or `imported` from a weights file")
+    kind: Kind = Field(
+        description="`encoded` from an image, `imported` from a weights file, `composed` or `interpolated` from others"
+    )
     created_at: datetime = Field(description="RFC 3339, UTC")
     model: str = Field(description="the model that theta comes from", examples=["hof1-k2"])
     spec: Spec
-    bytes: int = Field(description="size of theta, 4 bytes a number", examples=[28684])
+    word: list[str] | SkipJsonSchema[None] = Field(
+        default=None,
+        exclude_if=lambda value: value is None,
+        description="of a composed object: the ids of its k functions, the last one applied first",
+    )
+    parents: list[str] | SkipJsonSchema[None] = Field(
+        default=None,
+        exclude_if=lambda value: value is None,
+        description="of an interpolated object: the ids of those whose thetas it averages; they may be deleted since",
+    )
+    bytes: int = Field(
+        description="size of theta, 4 bytes a number; of a composed object of its k thetas", examples=[28684]
+    )
     links: Links
 
     @classmethod
     def of(cls, record: Record) -> "StoredObject":
         """The record as it is shown."""
         return cls(**_object_fields(record))
+
+
+class ComposedObjects(BaseModel):
+    """The objects that `all` makes, in order."""
+
+    objects: list[StoredObject]
 
 
 class ImageReport(BaseModel):
@@ -243,12 +283,15 @@ def base64_of(theta: Array) -> str:
 
 def _object_fields(record: Record) -> dict[str, Any]:
     path = f"/objects/{record.id}"
+    composed = record.kind == "composed"
     return {
         "id": record.id,
         "kind": record.kind,
         "created_at": record.created_at,
         "model": record.model,
         "spec": Spec.of(record.spec),
-        "bytes": 4 * record.spec.size,
+        "word": list(record.members) if composed else None,
+        "parents": list(record.members) if record.kind == "interpolated" else None,
+        "bytes": 4 * record.spec.size * (record.spec.k if composed else 1),
         "links": Links(self=path, points=f"{path}/points", weights=f"{path}/weights"),
     }

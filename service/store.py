@@ -1,58 +1,27 @@
-"""Where objects are kept: id <-> theta and its spec. SQLite by default, PostgreSQL by URL.
+"""Where objects are kept: id <-> theta and its spec, or the word of a composed object.
 
-One table, SQLAlchemy Core. An object is never changed once written: it is put, read, listed, deleted.
+SQLAlchemy Core. An object is never changed once written: it is put, read, listed, deleted.
 """
 
 import base64
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
-from sqlalchemy import (
-    BigInteger,
-    Column,
-    DateTime,
-    Integer,
-    LargeBinary,
-    MetaData,
-    Row,
-    String,
-    Table,
-    Text,
-    event,
-    make_url,
-    select,
-)
-from sqlalchemy.engine import URL
-from sqlalchemy.engine.interfaces import DBAPIConnection
-from sqlalchemy.exc import ArgumentError, IntegrityError
-from sqlalchemy.ext.asyncio import AsyncEngine, create_async_engine
-from sqlalchemy.schema import CreateTable
+from sqlalchemy import Row, select
+from sqlalchemy.exc import IntegrityError
+from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine
 
-from service.errors import InvalidParameter, NotFound, UnusableStore
+from service.database import connect, objects, uses
+from service.errors import InUse, InvalidParameter, NotFound
 from service.mapping import Array, MappingSpec
 
-Kind = Literal["encoded", "imported"]
+Kind = Literal["encoded", "imported", "composed", "interpolated"]
 
-ASYNC_DRIVERS: Final = {"sqlite": "sqlite+aiosqlite", "postgresql": "postgresql+asyncpg"}
-BUSY_TIMEOUT_MS: Final = 10_000
 MAX_SEQ: Final = 2**63 - 1
-
-objects: Final = Table(
-    "objects",
-    MetaData(),
-    # seq orders the list: the clock may stand still between two objects, or step back.
-    Column("seq", BigInteger().with_variant(Integer, "sqlite"), primary_key=True, autoincrement=True),
-    Column("id", String(64), nullable=False, unique=True),
-    Column("kind", String(16), nullable=False),
-    Column("created_at", DateTime(timezone=True), nullable=False),
-    Column("model", Text, nullable=False),
-    Column("spec", Text, nullable=False),
-    Column("theta", LargeBinary, nullable=False),
-    sqlite_autoincrement=True,  # never reuses the seq of a deleted object: cursors stay true
-)
+MAX_NAMED: Final = 10  # composed objects that a refusal to delete names
 HEADER: Final = [column for column in objects.columns if column.name != "theta"]
 
 
@@ -63,6 +32,7 @@ class Record:
     id : hexadecimal digest of what it was made from.
     created_at : UTC.
     model : name of the model that its theta comes from.
+    members : ids of what it was made from: the word of a composed object, the parents of an interpolated one.
     """
 
     id: str
@@ -70,31 +40,19 @@ class Record:
     model: str
     spec: MappingSpec
     created_at: datetime
+    members: tuple[str, ...] = ()
 
 
 class Store:
-    """The table of objects behind one connection pool; every method is one short transaction."""
+    """The objects behind one connection pool; what a method writes is one short transaction."""
 
     def __init__(self, engine: AsyncEngine) -> None:
         self._engine = engine
 
     @classmethod
     async def open(cls, url: str) -> "Store":
-        """Connect to `sqlite:///PATH` or `postgresql://...`; make the file and the table where missing.
-
-        Raises
-        ------
-        UnusableStore : the URL is none, its driver is missing, or the database does not answer or refuses.
-        """
-        try:
-            parsed = make_url(url)
-        except ArgumentError as error:
-            raise UnusableStore("the database URL is none: sqlite:///PATH or postgresql://... is expected") from error
-        try:
-            return cls(await _engine_with_table(parsed))
-        except Exception as error:  # each driver has classes of its own
-            shown = parsed.render_as_string(hide_password=True)
-            raise UnusableStore(f"cannot open the database {shown}: {_first_line(error)}") from error
+        """As `database.connect`. Raises UnusableStore."""
+        return cls(await connect(url))
 
     async def close(self) -> None:
         """Close all connections."""
@@ -105,36 +63,47 @@ class Store:
         async with self._engine.connect() as connection:
             await connection.execute(select(1))
 
-    async def put(self, record: Record, theta: Array) -> tuple[Record, bool]:
+    async def put(self, record: Record, theta: Array | None) -> tuple[Record, bool]:
         """Keep an object under ``record.id`` unless there is one.
 
         Returns the object that is kept, and whether it is new: of any number of concurrent puts of one
         id, exactly one is told so. What is returned is on disk.
+
+        Parameters
+        ----------
+        theta : (spec.size,) float32; None for a composed object, of which `record.members` is all.
+
+        Raises
+        ------
+        NotFound : the word names an object that is not there (any more).
         """
-        values = {
-            "id": record.id,
-            "kind": record.kind,
-            "created_at": record.created_at,
-            "model": record.model,
-            "spec": record.spec.to_json(),
-            "theta": np.ascontiguousarray(theta, dtype="<f4").tobytes(),
-        }
-        try:
-            async with self._engine.begin() as connection:
-                await connection.execute(objects.insert().values(values))
-        except IntegrityError:
-            found = await self.find(record.id)
-            # Where a delete came between, the object was kept and is gone: the answer is still right.
-            return (found[0] if found else record), False
-        return record, True
+        while True:  # again only where a delete came between
+            try:
+                async with self._engine.begin() as connection:
+                    await _insert(connection, record, theta)
+            except IntegrityError:
+                found = await self.find(record.id)
+                if found is not None:
+                    return found[0], False
+                await self._check_word(record)
+            else:
+                return record, True
 
     async def find(self, object_id: str) -> tuple[Record, Array] | None:
-        """The object of that id and its theta, (spec.size,) float32; None where there is none."""
+        """The object of that id and its theta, float32: (spec.size,), or (k, spec.size) of a composed object, in
+        the order of its word. None where there is none."""
         async with self._engine.connect() as connection:
             row = (await connection.execute(select(objects).where(objects.c.id == object_id))).first()
-        if row is None:
-            return None
-        return _record(row), np.frombuffer(row.theta, dtype="<f4").astype(np.float32, copy=False)
+            if row is None:
+                return None
+            record = _record(row)
+            if record.kind != "composed":
+                return record, _theta(row)
+            query = select(objects).where(objects.c.id.in_(record.members))
+            thetas = {each.id: _theta(each) for each in await connection.execute(query)}
+        if thetas.keys() != set(record.members):
+            return None  # deleted between the two queries, and then an object of its word
+        return record, np.stack([thetas[member] for member in record.members])
 
     async def get(self, object_id: str) -> tuple[Record, Array]:
         """As `find`. Raises NotFound."""
@@ -142,6 +111,12 @@ class Store:
         if found is None:
             raise NotFound("there is no object of this id")
         return found
+
+    async def records(self, ids: Sequence[str]) -> dict[str, Record]:
+        """Those of the objects that are there, by id, without their thetas."""
+        async with self._engine.connect() as connection:
+            rows = await connection.execute(select(*HEADER).where(objects.c.id.in_(ids)))
+            return {row.id: _record(row) for row in rows}
 
     async def page(self, limit: int, cursor: str | None = None) -> tuple[list[Record], str | None]:
         """Up to `limit` objects, newest first, from the cursor on; and the cursor of the next page.
@@ -161,51 +136,63 @@ class Store:
         return [_record(row) for row in rows[:limit]], _encode_cursor(rows[limit - 1].seq) if more else None
 
     async def delete(self, object_id: str) -> None:
-        """Remove an object. Raises NotFound."""
-        async with self._engine.begin() as connection:
-            result = await connection.execute(objects.delete().where(objects.c.id == object_id))
+        """Remove an object.
+
+        Raises
+        ------
+        NotFound : there is none of that id.
+        InUse : words name it; the message names the composed objects, the oldest first.
+        """
+        while True:  # again only where the last composed object was deleted meanwhile
+            try:
+                async with self._engine.begin() as connection:
+                    result = await connection.execute(objects.delete().where(objects.c.id == object_id))
+            except IntegrityError:
+                await self._check_unused(object_id)
+            else:
+                break
         if result.rowcount == 0:
             raise NotFound("there is no object of this id")
 
+    async def _check_word(self, record: Record) -> None:
+        there = await self.records(record.members)
+        for member in record.members:
+            if record.kind == "composed" and member not in there:
+                raise NotFound(f"there is no object {member} any more, which the word names")
 
-async def _engine_with_table(url: URL) -> AsyncEngine:
-    engine = _engine(url.set(drivername=ASYNC_DRIVERS.get(url.drivername, url.drivername)))
-    try:
-        async with engine.begin() as connection:
-            await connection.execute(CreateTable(objects, if_not_exists=True))
-    except BaseException:
-        await engine.dispose()
-        raise
-    return engine
-
-
-def _first_line(error: Exception) -> str:
-    """What a driver says, without the pages that SQLAlchemy adds."""
-    cause = getattr(error, "orig", None) or error
-    return next(iter(str(cause).splitlines()), type(cause).__name__)
+    async def _check_unused(self, object_id: str) -> None:
+        query = select(objects.c.id).join(uses, objects.c.id == uses.c.composed_id).order_by(objects.c.seq)
+        async with self._engine.connect() as connection:
+            found = (await connection.execute(query.where(uses.c.member_id == object_id))).scalars().all()
+        if found:
+            more = f" and {len(found) - MAX_NAMED} more" if len(found) > MAX_NAMED else ""
+            raise InUse(f"composed objects are made of it: {', '.join(found[:MAX_NAMED])}{more}; delete them first")
 
 
-def _engine(url: URL) -> AsyncEngine:
-    if url.get_backend_name() != "sqlite":
-        return create_async_engine(url, pool_pre_ping=True)
-    if url.database:
-        Path(url.database).parent.mkdir(parents=True, exist_ok=True)
-    engine = create_async_engine(url)
-    event.listen(engine.sync_engine, "connect", _configure_sqlite)
-    return engine
-
-
-def _configure_sqlite(connection: DBAPIConnection, _: object) -> None:
-    """Readers beside a writer (WAL); writers wait for each other; an acknowledged write is on disk (FULL)."""
-    cursor = connection.cursor()
-    for pragma in (f"busy_timeout = {BUSY_TIMEOUT_MS}", "journal_mode = WAL", "synchronous = FULL"):
-        cursor.execute(f"PRAGMA {pragma}")
-    cursor.close()
+async def _insert(connection: AsyncConnection, record: Record, theta: Array | None) -> None:
+    values = {
+        "id": record.id,
+        "kind": record.kind,
+        "created_at": record.created_at,
+        "model": record.model,
+        "spec": record.spec.to_json(),
+        "members": " ".join(record.members),
+        "theta": None if theta is None else np.ascontiguousarray(theta, dtype="<f4").tobytes(),
+    }
+    await connection.execute(objects.insert().values(values))
+    if record.kind == "composed":
+        pairs = [{"composed_id": record.id, "member_id": member} for member in set(record.members)]
+        await connection.execute(uses.insert(), pairs)
 
 
 def _record(row: Row[Any]) -> Record:
     created_at = row.created_at.replace(tzinfo=UTC)  # SQLite drops the zone; it was UTC
-    return Record(row.id, row.kind, row.model, MappingSpec.from_json(row.spec), created_at)
+    spec, members = MappingSpec.from_json(row.spec), tuple(row.members.split())
+    return Record(row.id, row.kind, row.model, spec, created_at, members)
+
+
+def _theta(row: Row[Any]) -> Array:
+    return np.frombuffer(row.theta, dtype="<f4").astype(np.float32, copy=False)
 
 
 def _encode_cursor(seq: int) -> str:

@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
-# What the tests need beyond Python: Node for the Khronos glTF validator, OpenGL without a screen for the
-# renderer, curl for the README's lines. Installs Debian's packages where it may; else names what is missing.
+# What the tests need beyond Python: Node for the Khronos glTF validator and for npm's packages, Chromium for the page,
+# OpenGL without a screen for the renderer, curl for the README's lines. Installs Debian's packages where it may; else names what is missing.
 set -euo pipefail
 
 missing=()
-for tool in node npm curl; do
+for tool in node npm curl chromium; do
     command -v "$tool" >/dev/null || missing+=("${tool/node/nodejs}")
 done
 if [ "$(uname)" = Linux ]; then

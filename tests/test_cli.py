@@ -7,10 +7,12 @@ import httpx
 import numpy as np
 import pytest
 import uvicorn
+from conftest import disc, image_file
 
 from service.cli import main
 from service.formats import POINT_FORMATS
-from service.formats.weights import load
+from service.formats.weights import Weights, dump, load
+from service.mapping import MappingSpec, initial_theta
 from service.settings import Settings
 
 
@@ -68,6 +70,56 @@ def test_info_tells_what_a_weights_file_holds(here: Path, capsys: pytest.Capture
     assert (told["model"], told["spec"]["k"], told["size"]) == ("tiny-k2", 2, 115)
 
 
+def _two_objects(here: Path) -> list[Path]:
+    for name, colour in (("a", "red"), ("b", "green")):
+        (here / f"{name}.png").write_bytes(image_file(disc(colour)))
+        assert main(["encode", f"{name}.png", "-o", f"{name}.safetensors"]) == 0
+    return [here / "a.safetensors", here / "b.safetensors"]
+
+
+def test_compose_writes_the_points_that_the_service_gives(here: Path, client: httpx.Client) -> None:
+    ids = [client.post("/objects", content=path.read_bytes()).json()["id"] for path in _two_objects(here)]
+    links = client.post("/compose", json={"objects": ids}).json()["links"]
+    for suffix in ("ply", "glb"):
+        assert (
+            main(["compose", "a.safetensors", "b.safetensors", "-o", f"ab.{suffix}", "--n", "5000", "--seed", "3"]) == 0
+        )
+        served = client.get(links["points"], params={"n": 5000, "seed": 3, "format": suffix})
+        assert (here / f"ab.{suffix}").read_bytes() == served.content
+    assert main(["compose", "b.safetensors", "a.safetensors", "-o", "ba.ply", "--n", "5000", "--seed", "3"]) == 0
+    assert (here / "ab.ply").read_bytes() != (here / "ba.ply").read_bytes()
+
+
+def test_a_composed_objects_weights_are_sampled_and_told(
+    here: Path, client: httpx.Client, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ids = [client.post("/objects", content=path.read_bytes()).json()["id"] for path in _two_objects(here)]
+    links = client.post("/compose", json={"objects": ids}).json()["links"]
+    (here / "ab.safetensors").write_bytes(client.get(links["weights"]).content)
+    assert main(["sample", "ab.safetensors", "-o", "ab.ply", "--n", "500"]) == 0
+    assert (here / "ab.ply").read_bytes() == client.get(links["points"], params={"n": 500}).content
+    capsys.readouterr()
+    assert main(["info", "ab.safetensors"]) == 0
+    assert json.loads(capsys.readouterr().out)["word"] == ids
+    assert main(["compose", "a.safetensors", "ab.safetensors", "-o", "out.ply"]) == 2
+    assert "ab.safetensors is composed" in capsys.readouterr().err
+
+
+def test_compose_refuses_what_makes_no_word(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    _two_objects(here)
+    spec = MappingSpec("tiny", 3, (16,), 3, k=3)
+    (here / "c.safetensors").write_bytes(dump(Weights(spec, initial_theta(spec), "m"), "safetensors"))
+    for names, message in (
+        ("a", "a word needs k = 2 objects, not 1"),
+        ("a b a", "a word needs k = 2 objects, not 3"),
+        ("a c", "c.safetensors has the k 3, a.safetensors 2: specs must be equal"),
+        ("a d", "d.safetensors: No such file or directory"),
+    ):
+        assert main(["compose", *(f"{name}.safetensors" for name in names.split()), "-o", "out.ply"]) == 2
+        assert capsys.readouterr().err == f"hof: {message}\n"
+    assert not (here / "out.ply").exists()
+
+
 def test_openapi_prints_the_committed_schema(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["openapi"]) == 0
     assert capsys.readouterr().out == (Path(__file__).parents[1] / "openapi.json").read_text()
@@ -91,9 +143,11 @@ def test_openapi_prints_the_committed_schema(capsys: pytest.CaptureFixture[str])
         ("encode photo.png -o out.ply --model nothere.onnx", "nothere.onnx"),
         ("encode photo.png -o out.ply --model photo.png", "photo.png is unusable"),
         ("sample nothere.safetensors -o out.ply", "nothere.safetensors"),
-        ("sample photo.png -o out.ply", "hof: "),
+        ("sample photo.png -o out.ply", "hof: photo.png: "),
+        ("compose photo.png photo.png -o out.ply", "hof: photo.png: "),
+        ("compose photo.png -o out.stl", "no format has the suffix"),
         ("sample photo.png -o out.safetensors", "no format has the suffix"),
-        ("info photo.png", "hof: "),
+        ("info photo.png", "hof: photo.png: "),
         ("serve --port 70000", "port: "),
         ("serve --model nothere.onnx", "nothere.onnx"),
         ("serve --matting-model nothere.onnx", "cannot read the matting model nothere.onnx: No such file"),

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import httpx
 import pytest
-from conftest import Server
+from conftest import Server, disc, image_file
 
 from model.cli import _parser as model_parser
 from service import cli
@@ -92,7 +92,7 @@ def test_the_hof_lines_work(here: Path, model_path: Path, monkeypatch: pytest.Mo
     for line in _commands("hof"):
         assert cli.main(shlex.split(line, comments=True)[1:]) == 0, line
     written = {path.name for path in here.iterdir()}
-    assert written == {"photo.jpg", "object.glb", "object.safetensors", "object.ply"}
+    assert written == {"photo.jpg", "object.glb", "object.safetensors", "object.ply", "composed.glb"}
 
 
 def test_the_hof_model_lines_parse() -> None:
@@ -110,11 +110,13 @@ def test_the_curl_lines_work(here: Path, server: Server, client: httpx.Client) -
     assert curl, "the README's lines need curl"
     (here / ".curlrc").write_text("fail-with-body\nsilent\nshow-error\n")
     stored = client.post("/encode", files={"image": (here / "photo.jpg").read_bytes()}).json()
+    other = client.post("/encode", content=image_file(disc())).json()
+    ids = {"ID": stored["id"], "A": stored["id"], "B": other["id"]}
     lines = _commands("curl")
     for line in lines:
         run = subprocess.run(
             [bash, "-c", line.replace("localhost:8080", f"127.0.0.1:{server.port}")],
-            env={"PATH": str(Path(curl).parent), "CURL_HOME": str(here), "ID": stored["id"]},
+            env={"PATH": str(Path(curl).parent), "CURL_HOME": str(here), **ids},
             capture_output=True,
             timeout=CURL_TIMEOUT_S,
             check=False,
@@ -123,7 +125,7 @@ def test_the_curl_lines_work(here: Path, server: Server, client: httpx.Client) -
         if line.endswith("/encode"):
             assert f'"id":"{stored["id"]}"'.encode() in run.stdout
     points = client.get(stored["links"]["points"], params={"n": 100_000})
-    assert len(lines) == 5
+    assert len(lines) == 5 + 2
     assert (here / "object.ply").read_bytes() == points.content
     assert (here / "object.glb").read_bytes()[:4] == b"glTF"
-    assert {item["kind"] for item in client.get("/objects").json()["items"]} == {"encoded", "imported"}
+    assert {item["kind"] for item in client.get("/objects").json()["items"]} == {"encoded", "imported", "composed"}

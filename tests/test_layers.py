@@ -41,7 +41,17 @@ ALLOWED = {
     "service.encoder": {"service.errors", "service.images", "service.mapping"},
     "service.formats": {"service.errors", "service.formats", "service.mapping", "service.sampler"},
     "service.picture": {"service.mapping"},
-    "service.store": {"service.errors", "service.mapping"},
+    "service.routes.viewer": {"service.errors"},
+    "service.database": {"service.errors"},
+    "service.store": {"service.database", "service.errors", "service.mapping"},
+    "service.composition": {
+        "service.errors",
+        "service.formats",
+        "service.ids",
+        "service.mapping",
+        "service.points",
+        "service.store",
+    },
     "service.settings": {"service.images"},
     "demo": {"service.picture"},
 }

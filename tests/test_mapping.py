@@ -22,6 +22,7 @@ from service.mapping import (
     initial_theta,
     layers,
     power,
+    word_of,
 )
 
 TINY = MappingSpec("tiny", input_dim=3, hidden=(2,), output_dim=3)
@@ -179,3 +180,10 @@ def test_missing_fields(field: str) -> None:
 def test_what_is_no_spec(text: str) -> None:
     with pytest.raises(InvalidSpec):
         MappingSpec.from_json(text)
+
+
+def test_an_objects_word_is_theta_k_times_or_its_rows() -> None:
+    spec = TINY.with_k(2)
+    a, b = initial_theta(spec, 0), initial_theta(spec, 1)
+    for theta, word in ((a, (a, a)), (np.stack([a, b]), (a, b))):
+        assert [function.tobytes() for function in word_of(spec, theta)] == [function.tobytes() for function in word]

@@ -3,13 +3,16 @@
 import io
 import json
 from datetime import UTC, datetime, timedelta
+from typing import Any
 
 import httpx
 import numpy as np
+import onnxruntime as ort
 import pytest
 from conftest import disc, image_file, running
 from safetensors.numpy import load as load_safetensors
 
+from service.canonical import canonical_points
 from service.formats.weights import Weights, dump, load
 from service.mapping import MappingSpec, initial_theta
 from service.settings import Settings
@@ -23,6 +26,11 @@ def _weights(seed: int = 0) -> bytes:
 
 def _encode(client: httpx.Client, *colours: str) -> list[str]:
     return [client.post("/encode", content=image_file(disc(colour))).json()["id"] for colour in colours]
+
+
+def _compose(client: httpx.Client, *ids: str, mode: str = "compose") -> dict[str, Any]:
+    made: dict[str, Any] = client.post("/compose", json={"objects": ids, "mode": mode}).json()
+    return made
 
 
 def test_an_object_tells_what_it_is(client: httpx.Client) -> None:
@@ -160,9 +168,69 @@ def test_bad_weights_are_refused_and_nothing_is_stored(client: httpx.Client, bod
     assert client.get("/objects").json()["items"] == []
 
 
-@pytest.mark.parametrize("query", ["format=onnx", "format=", "n=5"])
+@pytest.mark.parametrize("query", ["format=pt", "format=", "n=5"])
 def test_bad_parameters_of_weights_are_refused(client: httpx.Client, query: str) -> None:
     (object_id,) = _encode(client, "red")
     answer = client.get(f"/objects/{object_id}/weights?{query}")
     assert answer.status_code == 422
     assert answer.json()["errors"][0]["field"] == query.split("=")[0]
+
+
+# Composed objects: what they give, and what they hold back
+
+
+def test_weights_of_a_composed_object_hold_its_thetas_and_its_word(client: httpx.Client) -> None:
+    a, b = _encode(client, "red", "green")
+    link = _compose(client, b, a)["links"]["weights"]
+    files = {name: client.get(link, params={"format": name}).content for name in ("safetensors", "npy", "json")}
+    thetas = [load(client.get(f"/objects/{each}/weights").content).theta for each in (b, a)]
+    weights = load(files["safetensors"])
+    assert weights.word == (b, a)
+    np.testing.assert_array_equal(weights.theta, thetas)
+    np.testing.assert_array_equal(load_safetensors(files["safetensors"])["theta"], thetas)
+    np.testing.assert_array_equal(np.load(io.BytesIO(files["npy"])), thetas)
+    as_json = json.loads(files["json"])
+    assert (as_json["word"], as_json["format"]) == ([b, a], "hof-word-1")
+    np.testing.assert_array_equal(np.float32(as_json["theta"]), thetas)
+
+
+def test_the_file_of_a_composed_object_is_no_object(client: httpx.Client) -> None:
+    made = _compose(client, *_encode(client, "red", "green"))
+    answer = client.post("/objects", content=client.get(made["links"]["weights"]).content)
+    assert answer.status_code == 422
+    assert "composed" in answer.json()["detail"]
+    assert {item["kind"] for item in client.get("/objects").json()["items"]} == {"encoded", "composed"}
+
+
+def test_onnx_is_the_whole_function(client: httpx.Client) -> None:
+    a, b = _encode(client, "red", "green")
+    for object_id in (a, _compose(client, a, b)["id"]):
+        answer = client.get(f"/objects/{object_id}/weights", params={"format": "onnx"})
+        assert answer.headers["content-type"] == "application/x-onnx"
+        assert answer.headers["content-disposition"].endswith('.onnx"')
+        (points,) = ort.InferenceSession(answer.content).run(None, {"x": canonical_points("ball", 300, 0)})
+        served = client.get(f"/objects/{object_id}/points", params={"n": 300, "format": "npy"})
+        np.testing.assert_allclose(points, np.load(io.BytesIO(served.content)), atol=1e-5)
+
+
+def test_an_object_that_a_word_uses_is_not_deleted(client: httpx.Client) -> None:
+    a, b, c = _encode(client, "red", "green", "blue")
+    made = [_compose(client, a, b)["id"], _compose(client, b, b)["id"]]
+    assert client.delete(f"/objects/{c}").status_code == 204
+    refused = [client.delete(f"/objects/{each}") for each in (b, a)]
+    assert [(answer.status_code, answer.json()["title"]) for answer in refused] == [(409, "In use")] * 2
+    details = [answer.json()["detail"] for answer in refused]
+    assert details[0] == f"composed objects are made of it: {made[0]}, {made[1]}; delete them first"
+    assert made[1] not in details[1]
+    for object_id in (*made, a, b):
+        assert client.delete(f"/objects/{object_id}").status_code == 204
+    assert client.get("/objects").json()["items"] == []
+
+
+def test_an_interpolated_object_outlives_its_parents(client: httpx.Client) -> None:
+    a, b = _encode(client, "red", "green")
+    mean = _compose(client, a, b, mode="interpolate")
+    before = client.get(mean["links"]["points"]).content
+    assert [client.delete(f"/objects/{each}").status_code for each in (a, b)] == [204, 204]
+    assert client.get(mean["links"]["self"]).json() == mean
+    assert client.get(mean["links"]["points"]).content == before

@@ -33,6 +33,7 @@ def operations() -> dict[str, dict[str, Any]]:
 def test_the_calls_are_those_of_the_contract(operations: dict[str, dict[str, Any]]) -> None:
     assert operations.keys() == {
         "POST /encode",
+        "POST /compose",
         "GET /objects",
         "POST /objects",
         "GET /objects/{id}",
@@ -76,6 +77,12 @@ def test_encode_documents_its_body(operations: dict[str, dict[str, Any]]) -> Non
         "image/jpeg",
         "image/webp",
     }
+
+
+def test_compose_documents_its_body(operations: dict[str, dict[str, Any]]) -> None:
+    schema = operations["POST /compose"]["requestBody"]["content"]["application/json"]["schema"]
+    assert schema["required"] == ["objects"]
+    assert schema["properties"]["mode"]["enum"] == ["compose", "interpolate", "all"]
 
 
 def test_parameters_are_never_null_and_always_described(operations: dict[str, dict[str, Any]]) -> None:

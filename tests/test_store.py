@@ -1,6 +1,6 @@
 import asyncio
 import sqlite3
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Awaitable
 from contextlib import asynccontextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from service.errors import InvalidParameter, NotFound
+from service.errors import InUse, InvalidParameter, NotFound
 from service.mapping import HOF_1, Array, MappingSpec, initial_theta
 from service.store import Record, Store
 
@@ -68,17 +68,6 @@ def test_of_concurrent_puts_from_two_processes_worth_of_stores_one_is_new(tmp_pa
             return [new for _, new in await asyncio.gather(*puts)]
 
     assert sorted(asyncio.run(scenario())) == [False] * 19 + [True]
-
-
-def test_an_acknowledged_object_is_durable(tmp_path: Path) -> None:
-    """WAL with synchronous=FULL: SQLite syncs the log before a commit returns."""
-
-    async def scenario() -> None:
-        async with _open(tmp_path / "hof.db") as store, store._engine.connect() as connection:
-            for pragma, expected in (("journal_mode", "wal"), ("synchronous", 2), ("busy_timeout", 10_000)):
-                assert (await connection.exec_driver_sql(f"PRAGMA {pragma}")).scalar() == expected
-
-    asyncio.run(scenario())
 
 
 def test_another_process_reads_what_is_acknowledged_while_the_store_is_open(tmp_path: Path) -> None:
@@ -144,3 +133,95 @@ def test_a_cursor_that_no_page_gave_is_refused(tmp_path: Path, cursor: str) -> N
     with pytest.raises(InvalidParameter) as caught:
         asyncio.run(scenario())
     assert caught.value.field == "cursor"
+
+
+# Words
+
+
+def _composed(name: str, *word: str) -> Record:
+    return Record(name, "composed", "tiny-k2", SPEC, NOW, word)
+
+
+def test_a_composed_object_has_the_thetas_of_its_word(tmp_path: Path) -> None:
+    async def scenario() -> tuple[Record, Array]:
+        async with _open(tmp_path / "hof.db") as store:
+            for index, name in enumerate("ab"):
+                await store.put(_record(name), THETA + index)
+            assert await store.put(_composed("bab", "b", "a", "b"), None) == (_composed("bab", "b", "a", "b"), True)
+            assert await store.put(_composed("bab", "b", "a", "b"), None) == (_composed("bab", "b", "a", "b"), False)
+        async with _open(tmp_path / "hof.db") as store:
+            return await store.get("bab")
+
+    record, theta = asyncio.run(scenario())
+    assert record == _composed("bab", "b", "a", "b")
+    assert theta.dtype == np.float32
+    np.testing.assert_array_equal(theta, [THETA + 1, THETA, THETA + 1])
+
+
+def test_a_word_of_a_missing_object_is_refused_and_not_kept(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        async with _open(tmp_path / "hof.db") as store:
+            await store.put(_record("a"), THETA)
+            with pytest.raises(NotFound, match="no object gone any more"):
+                await store.put(_composed("ab", "a", "gone"), None)
+            assert await store.records(["a", "ab", "gone"]) == {"a": _record("a")}
+            await store.delete("a")
+
+    asyncio.run(scenario())
+
+
+def test_an_object_that_words_use_stays(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        async with _open(tmp_path / "hof.db") as store:
+            await store.put(_record("a"), THETA)
+            names = [f"word{index}" for index in range(12)]
+            for name in names:
+                await store.put(_composed(name, "a", "a"), None)
+            with pytest.raises(InUse, match=r"made of it: word0, .*, word9 and 2 more; delete") as caught:
+                await store.delete("a")
+            assert "word10" not in caught.value.detail
+            for name in names:
+                await store.delete(name)
+            await store.delete("a")
+            assert await store.page(5) == ([], None)
+
+    asyncio.run(scenario())
+
+
+def test_an_interpolated_object_keeps_parents_that_are_gone(tmp_path: Path) -> None:
+    mean = Record("mean", "interpolated", "tiny-k2", SPEC, NOW, ("a", "gone"))
+
+    async def scenario() -> tuple[Record, Array]:
+        async with _open(tmp_path / "hof.db") as store:
+            await store.put(_record("a"), THETA)
+            await store.put(mean, THETA)
+            await store.delete("a")
+            return await store.get("mean")
+
+    record, theta = asyncio.run(scenario())
+    assert record == mean
+    np.testing.assert_array_equal(theta, THETA)
+
+
+def test_of_composing_and_deleting_at_once_one_wins(tmp_path: Path) -> None:
+    async def attempt(action: Awaitable[object]) -> bool:
+        try:
+            await action
+        except (NotFound, InUse):
+            return False
+        return True
+
+    async def scenario() -> None:
+        async with _open(tmp_path / "hof.db") as one, _open(tmp_path / "hof.db") as two:
+            for index in range(30):
+                name, word = f"a{index}", f"word{index}"
+                await one.put(_record(name), THETA)
+                actions = [one.put(_composed(word, name, name), None), two.delete(name)]
+                if index % 2:
+                    actions.reverse()
+                results = await asyncio.gather(*map(attempt, actions))
+                assert sorted(results) == [False, True]
+                found = await one.records([name, word])
+                assert found.keys() in ({name, word}, set())
+
+    asyncio.run(scenario())

@@ -1,9 +1,11 @@
 import io
 import json
 import struct
+from dataclasses import asdict
 
 import numpy as np
 import numpy.typing as npt
+import onnx
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -12,12 +14,13 @@ from safetensors import numpy as safetensors_numpy
 
 from service.errors import CorruptWeights, InvalidSpec
 from service.formats.weights import MAX_HEADER_BYTES, WEIGHT_FORMATS, Weights, dump, load
-from service.mapping import HOF_1, MappingSpec, initial_theta
+from service.mapping import HOF_1, Array, MappingSpec, initial_theta
 
 TINY = MappingSpec("tiny", 3, (2,), 3, k=2)
 THETA = np.linspace(-1, 1, TINY.size, dtype=np.float32)
 WEIGHTS = Weights(TINY, THETA, "hof1-k2")
 FILE = dump(WEIGHTS, "safetensors")
+WORD = Weights(TINY, np.stack([THETA, -THETA]), "hof1-k2", ("a", "b"))
 METADATA = {"format": "hof-theta-1", "spec": TINY.to_json(), "model": "hof1-k2"}
 TENSOR = {"dtype": "F32", "shape": [17], "data_offsets": [0, 68]}
 
@@ -31,7 +34,8 @@ def assemble(header: object, payload: bytes = THETA.tobytes()) -> bytes:
 
 
 def assert_equal(a: Weights, b: Weights) -> None:
-    assert (a.spec, a.model) == (b.spec, b.model)
+    assert (a.spec, a.model, a.word) == (b.spec, b.model, b.word)
+    assert a.theta.shape == b.theta.shape
     assert a.theta.tobytes() == b.theta.tobytes()
     assert a.theta.dtype == b.theta.dtype == np.float32
 
@@ -79,7 +83,30 @@ def test_json_fields() -> None:
     assert MappingSpec.from_dict(fields["spec"]) == TINY
 
 
-def test_npy_is_little_endian_whatever_theta_is() -> None:
+def test_a_composed_objects_file_holds_k_thetas_and_its_word() -> None:
+    file = dump(WORD, "safetensors")
+    assert_equal(load(file), WORD)
+    np.testing.assert_array_equal(safetensors_numpy.load(file)["theta"], WORD.theta)
+    (size,) = struct.unpack_from("<Q", file)
+    metadata = METADATA | {"format": "hof-word-1", "word": '["a", "b"]'}
+    assert json.loads(file[8 : 8 + size])["__metadata__"] == metadata
+    as_json = json.loads(dump(WORD, "json"))
+    assert (as_json["word"], as_json["spec"], as_json["format"]) == (
+        ["a", "b"],
+        asdict(TINY) | {"hidden": [2]},
+        "hof-word-1",
+    )
+    np.testing.assert_array_equal(as_json["theta"], WORD.theta)
+    np.testing.assert_array_equal(np.load(io.BytesIO(dump(WORD, "npy"))), WORD.theta)
+
+
+def test_onnx_says_what_it_is() -> None:
+    model = onnx.load_model_from_string(dump(WORD, "onnx"))
+    told = {entry.key: entry.value for entry in model.metadata_props}
+    assert told == {"hof.model": "hof1-k2", "hof.spec": TINY.to_json(), "hof.word": '["a", "b"]'}
+
+
+def test_files_are_little_endian_whatever_theta_is() -> None:
     swapped = Weights(TINY, THETA.astype(">f4"), "x")
     for name in WEIGHT_FORMATS:
         assert dump(swapped, name) == dump(Weights(TINY, THETA, "x"), name)
@@ -92,7 +119,7 @@ def test_loaded_theta_is_our_own_memory() -> None:
 
 
 def test_formats() -> None:
-    assert list(WEIGHT_FORMATS) == ["safetensors", "npy", "json"]
+    assert list(WEIGHT_FORMATS) == ["safetensors", "npy", "json", "onnx"]
     assert all(fmt.extension == f".{name}" for name, fmt in WEIGHT_FORMATS.items())
 
 
@@ -197,6 +224,23 @@ def test_missing_metadata(key: str) -> None:
 def test_bad_headers(header: object) -> None:
     with pytest.raises(CorruptWeights):
         load(assemble(header))
+
+
+@pytest.mark.parametrize(
+    "word", [None, "", "ab", "[", '["a"]', '["a","b","c"]', '["a",7]', '["a",""]', '["a","\\u0000"]', '{"a":1,"b":2}']
+)
+def test_a_bad_word(word: str | None) -> None:
+    metadata = METADATA | {"format": "hof-word-1"} | ({} if word is None else {"word": word})
+    tensor = {"dtype": "F32", "shape": [2, 17], "data_offsets": [0, 136]}
+    with pytest.raises(CorruptWeights):
+        load(assemble({"__metadata__": metadata, "theta": tensor}, WORD.theta.tobytes()))
+
+
+@pytest.mark.parametrize("theta", [THETA, np.stack([THETA] * 3), np.stack([THETA] * 2).T])
+def test_a_word_with_thetas_of_another_shape(theta: Array) -> None:
+    metadata = METADATA | {"format": "hof-word-1", "word": '["a", "b"]'}
+    with pytest.raises(CorruptWeights, match=r"\[2, 17\]"):
+        load(safetensors_numpy.save({"theta": np.ascontiguousarray(theta)}, metadata=metadata))
 
 
 @pytest.mark.parametrize("spec", ["", "{}", TINY.to_json().replace("[2]", "[0]"), '{"hidden":[99999999999]}'])

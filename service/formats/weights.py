@@ -1,13 +1,14 @@
-"""theta and its spec as a file: safetensors, which `load` reads back, .npy and JSON.
+"""theta and its spec as a file: safetensors, which `load` reads back, .npy, JSON, and ONNX, which runs anywhere.
 
 A safetensors file is a uint64 header length, a JSON header and the tensors' bytes
 (https://huggingface.co/docs/safetensors). Ours holds one tensor "theta" and says in its metadata what
-it means. The library does not bound what it parses and reads metadata only from named files, so both
-directions are written out here.
+it means; of a composed object theta has k rows, and "word" names the object of each. The library does
+not bound what it parses and reads metadata only from named files, so both directions are written out here.
 """
 
 import io
 import json
+import math
 import struct
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -16,27 +17,37 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from service.errors import CorruptWeights
+from service.formats import onnx
 from service.mapping import Array, MappingSpec
 
-WeightFormatName = Literal["safetensors", "npy", "json"]
+WeightFormatName = Literal["safetensors", "npy", "json", "onnx"]
 
 FORMAT: Final = "hof-theta-1"
+WORD_FORMAT: Final = "hof-word-1"  # of a composed object
 MAX_HEADER_BYTES: Final = 16_384
 MAX_LABEL: Final = 200  # characters of a name
 
 
 @dataclass(frozen=True, eq=False)
 class Weights:
-    """A mapping function by itself.
+    """A mapping function by itself, or the k functions of a composed object.
 
     spec : its shape.
-    theta : (spec.size,) float32.
+    theta : (spec.size,) float32; of a composed object (spec.k, spec.size), the last row applied first.
     model : name of the encoder that made it.
+    word : of a composed object, which object each row is; empty otherwise.
     """
 
     spec: MappingSpec
     theta: Array
     model: str
+    word: tuple[str, ...] = ()
+
+    @property
+    def labels(self) -> dict[str, str]:
+        """All but theta, as text: what a file says about itself."""
+        labels = {"format": FORMAT, "model": self.model, "spec": self.spec.to_json()}
+        return labels | {"format": WORD_FORMAT, "word": json.dumps(self.word)} if self.word else labels
 
 
 @dataclass(frozen=True)
@@ -51,14 +62,15 @@ WEIGHT_FORMATS: Final[Mapping[WeightFormatName, WeightFormat]] = {
     "safetensors": WeightFormat("application/x-safetensors", ".safetensors"),
     "npy": WeightFormat("application/x-npy", ".npy"),
     "json": WeightFormat("application/json", ".json"),
+    "onnx": WeightFormat("application/x-onnx", ".onnx"),
 }
 
 
 def dump(weights: Weights, format: WeightFormatName) -> bytes:  # noqa: A002 - the API's word
     """The whole file. Equal weights give equal bytes.
 
-    `npy` holds theta alone, (spec.size,) little-endian float32; `json` has the keys format, model, spec
-    and theta, whose numbers give back the same float32.
+    `npy` holds theta alone, little-endian float32; `json` has the keys format, model, spec, word (of a composed
+    object) and theta, whose numbers give back the same float32; `onnx` is the whole function, x -> points.
     """
     match format:
         case "safetensors":
@@ -68,13 +80,13 @@ def dump(weights: Weights, format: WeightFormatName) -> bytes:  # noqa: A002 - t
             np.save(buffer, weights.theta.astype("<f4", copy=False), allow_pickle=False)
             return buffer.getvalue()
         case "json":
-            fields = {
-                "format": FORMAT,
-                "model": weights.model,
-                "spec": asdict(weights.spec),
-                "theta": weights.theta.tolist(),
-            }
+            fields: dict[str, Any] = {**weights.labels, "spec": asdict(weights.spec), "theta": weights.theta.tolist()}
+            if weights.word:
+                fields["word"] = weights.word
             return json.dumps(fields, separators=(",", ":")).encode("ascii")
+        case "onnx":
+            labels = {f"hof.{key}": text for key, text in weights.labels.items() if key != "format"}
+            return onnx.dump(weights.spec, weights.theta, labels)
 
 
 def load(data: bytes) -> Weights:
@@ -88,28 +100,31 @@ def load(data: bytes) -> Weights:
     """
     header, payload = _split(data)
     metadata = header.pop("__metadata__", None)
-    if not isinstance(metadata, dict) or metadata.get("format") != FORMAT:
-        raise CorruptWeights(f'the metadata do not say "format": "{FORMAT}"')
+    if not isinstance(metadata, dict) or metadata.get("format") not in (FORMAT, WORD_FORMAT):
+        raise CorruptWeights(f'the metadata do not say "format": "{FORMAT}" or "{WORD_FORMAT}"')
     model, text = metadata.get("model"), metadata.get("spec")
     if not isinstance(model, str) or not isinstance(text, str):
         raise CorruptWeights('the metadata lack "model" or "spec"')
     spec = MappingSpec.from_json(text)
     _check_label(model)
     _check_label(spec.name)
-    tensor = {"dtype": "F32", "shape": [spec.size], "data_offsets": [0, 4 * spec.size]}
-    if header != {"theta": tensor} or len(payload) != 4 * spec.size:
-        raise CorruptWeights(f'the file must hold one tensor "theta", F32 of shape [{spec.size}], and nothing else')
-    theta = np.frombuffer(payload, "<f4").astype(np.float32)
+    word = _word(metadata.get("word"), spec.k) if metadata["format"] == WORD_FORMAT else ()
+    shape = [spec.k, spec.size] if word else [spec.size]
+    size = 4 * math.prod(shape)
+    tensor = {"dtype": "F32", "shape": shape, "data_offsets": [0, size]}
+    if header != {"theta": tensor} or len(payload) != size:
+        raise CorruptWeights(f'the file must hold one tensor "theta", F32 of shape {shape}, and nothing else')
+    theta = np.frombuffer(payload, "<f4").reshape(shape).astype(np.float32)
     if not np.isfinite(theta).all():
         raise CorruptWeights("theta holds numbers that are not finite")
-    return Weights(spec, theta, model)
+    return Weights(spec, theta, model, word)
 
 
 def _dump_safetensors(weights: Weights) -> bytes:
     theta = weights.theta.astype("<f4", copy=False).tobytes()
     header = {
-        "__metadata__": {"format": FORMAT, "model": weights.model, "spec": weights.spec.to_json()},
-        "theta": {"dtype": "F32", "shape": [weights.spec.size], "data_offsets": [0, len(theta)]},
+        "__metadata__": weights.labels,
+        "theta": {"dtype": "F32", "shape": list(weights.theta.shape), "data_offsets": [0, len(theta)]},
     }
     text = json.dumps(header, separators=(",", ":")).encode("ascii")
     text = text.ljust(-len(text) % 8 + len(text))  # tensors start at a multiple of 8 bytes
@@ -132,6 +147,19 @@ def _split(data: bytes) -> tuple[dict[str, Any], memoryview]:
     if not isinstance(header, dict):
         raise CorruptWeights("the header is no JSON object")
     return header, memoryview(data)[8 + size :]
+
+
+def _word(text: object, k: int) -> tuple[str, ...]:
+    """The word of a composed object's metadata: a JSON list of k names."""
+    try:
+        word = json.loads(text) if isinstance(text, str) else None
+    except (ValueError, RecursionError):
+        word = None
+    if not isinstance(word, list) or len(word) != k or not all(isinstance(name, str) for name in word):
+        raise CorruptWeights(f'the metadata\'s "word" is no list of {k} names')
+    for name in word:
+        _check_label(name)
+    return tuple(word)
 
 
 def _check_label(text: str) -> None:

@@ -1,6 +1,5 @@
 """The stored objects, and what each gives: points and weights."""
 
-import re
 from datetime import UTC, datetime
 from typing import Annotated, Any, Final
 
@@ -9,13 +8,13 @@ from starlette.requests import Request
 from starlette.responses import Response, StreamingResponse
 
 from service.caching import CACHE_CONTROL, accepts_gzip, etag, is_fresh
-from service.errors import NotFound
+from service.errors import InvalidParameter, NotFound
 from service.formats import POINT_FORMATS, negotiate
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
-from service.ids import ID_DIGITS, imported_id
-from service.points import Cloud, check_size, gzipped, stream
+from service.ids import imported_id, is_id
+from service.mapping import word_of
+from service.points import check_finite, check_size, gzipped, stream
 from service.runtime import Ready
-from service.sampler import SCALES
 from service.schemas import NoQuery, ObjectPage, PageQuery, PointsQuery, Problem, StoredObject, WeightsQuery
 from service.store import Record
 from service.uploads import read_body
@@ -29,12 +28,11 @@ FILE_HEADERS: Final = {
 }
 NOT_MODIFIED: Final[dict[int | str, dict[str, Any]]] = {304: {"description": "`If-None-Match` names this very answer"}}
 MISSING: Final[dict[int | str, dict[str, Any]]] = {404: {"model": Problem, "description": "No object of that id"}}
-PROBE_POINTS: Final = 4096  # of an imported object, at the largest scale: that it can be sampled at all
 
 
 def object_id(id_: Annotated[str, Path(alias="id", description="id of an object")]) -> str:
     """The id of the path. Raises NotFound for what cannot be one, before a database has to make sense of it."""
-    if not re.fullmatch(rf"[0-9a-f]{{{ID_DIGITS}}}", id_):
+    if not is_id(id_):
         raise NotFound("there is no object of this id")
     return id_
 
@@ -61,14 +59,20 @@ async def page_of_objects(query: Annotated[PageQuery, Query()], runtime: Ready) 
         },
         400: {"model": Problem, "description": "Bytes that are no weights file, or whose numbers do not fit its spec"},
         413: {"model": Problem, "description": "More bytes than the limit"},
-        422: {"model": Problem, "description": "A spec that describes no function; an unknown parameter"},
+        422: {
+            "model": Problem,
+            "description": "A spec that describes no function; a composed object's file; an unknown parameter",
+        },
     },
     openapi_extra={"requestBody": {"required": True, "content": {"application/octet-stream": BINARY}}},
 )
 async def import_object(
     request: Request, response: Response, query: Annotated[NoQuery, Query()], runtime: Ready
 ) -> StoredObject:
-    """Keep a weights file (safetensors with its spec, as `/objects/{id}/weights` gives it) as an object."""
+    """Keep a weights file (safetensors with its spec, as `/objects/{id}/weights` gives it) as an object.
+
+    The file of a composed object is refused: an object is one function. Post those of its word, and compose them.
+    """
     body = await read_body(request, runtime.settings.max_weights_bytes)
     weights = await runtime.run(_finite_weights, body)
     record, created = await runtime.store.put(
@@ -88,9 +92,13 @@ async def one_object(id_: ObjectId, query: Annotated[NoQuery, Query()], runtime:
     return StoredObject.of(record)
 
 
-@router.delete("/{id}", status_code=204, responses=MISSING)
+@router.delete(
+    "/{id}",
+    status_code=204,
+    responses=MISSING | {409: {"model": Problem, "description": "Composed objects, which `detail` names, use it"}},
+)
 async def delete_object(id_: ObjectId, query: Annotated[NoQuery, Query()], runtime: Ready) -> None:
-    """Remove an object."""
+    """Remove an object, unless the word of a composed object names it. Interpolated objects outlive their parents."""
     await runtime.store.delete(id_)
 
 
@@ -150,12 +158,16 @@ async def points(request: Request, id_: ObjectId, query: Annotated[PointsQuery, 
     },
 )
 async def weights(request: Request, id_: ObjectId, query: Annotated[WeightsQuery, Query()], runtime: Ready) -> Response:
-    """theta and its spec: all that is needed to sample the object elsewhere."""
+    """theta and its spec: all that is needed to sample the object elsewhere. A composed object has k, and its word.
+
+    An ONNX file holds them as one function, x -> points, which runs anywhere.
+    """
     record, theta = await runtime.store.get(id_)
     headers = _cached(etag(id_, query.format))
     if is_fresh(request.headers.get("if-none-match"), headers["ETag"]):
         return Response(status_code=304, headers=headers)
-    data = await runtime.run(dump, Weights(record.spec, theta, record.model), query.format)
+    word = record.members if record.kind == "composed" else ()
+    data = await runtime.run(dump, Weights(record.spec, theta, record.model, word), query.format)
     fmt = WEIGHT_FORMATS[query.format]
     return Response(data, headers=headers | _attachment(id_, fmt.extension), media_type=fmt.media_type)
 
@@ -169,9 +181,9 @@ def _attachment(id_: str, extension: str) -> dict[str, str]:
 
 
 def _finite_weights(body: bytes) -> Weights:
-    """The weights of a file. Raises CorruptWeights, also where f^k leaves the range of float32."""
+    """The weights of one function's file. Raises CorruptWeights, also where f^k leaves the range of float32."""
     weights = load(body)
-    probe = Cloud(weights.spec, (weights.theta,) * weights.spec.k, PROBE_POINTS, scale=SCALES[1])
-    for _ in probe.chunks():
-        pass  # the sampler raises on values that are not finite
+    if weights.word:
+        raise InvalidParameter("this file is a composed object's: post the files of its word, and compose them")
+    check_finite(weights.spec, word_of(weights.spec, weights.theta))
     return weights

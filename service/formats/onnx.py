@@ -1,0 +1,104 @@
+"""A mapping function as an ONNX file: x (n, input_dim) -> points (n, 3), all k applications in it.
+
+Such a file is one message of Protocol Buffers: fields, each a number, a wire type and a value
+(https://protobuf.dev/programming-guides/encoding). The few that the graph needs, numbered as in ONNX's
+onnx.proto, are written out here, so that a service needs no package for it.
+"""
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+
+from service.mapping import Array, MappingSpec, layers, word_of
+
+IR_VERSION: Final = 8
+OPSET: Final = 13
+FLOAT: Final = 1  # TensorProto.FLOAT
+INT: Final = 2  # AttributeProto.INT
+VARINT, BYTES = 0, 2  # wire types
+
+Field = tuple[int, int | str | bytes]
+
+
+def dump(spec: MappingSpec, theta: Array, metadata: Mapping[str, str]) -> bytes:
+    """The file of f^k, or of a word.
+
+    Parameters
+    ----------
+    theta : (spec.size,), or (spec.k, spec.size) of a word; float32.
+    metadata : kept in the model's `metadata_props`.
+    """
+    return _message(
+        (1, IR_VERSION),
+        (2, "hof"),  # producer_name
+        (7, _graph(spec, theta)),
+        (8, _message((1, ""), (2, OPSET))),  # opset_import: domain, version
+        *((14, _message((1, key), (2, value))) for key, value in metadata.items()),
+    )
+
+
+def _graph(spec: MappingSpec, theta: Array) -> bytes:
+    nodes: list[bytes] = []
+    tensors: dict[str, bytes] = {}
+    names: dict[bytes, str] = {}  # of a word AAB the tensors of A are stored once
+    source = "x"
+    for step, function in enumerate(reversed(word_of(spec, theta)), 1):
+        name = names.setdefault(function.tobytes(), f"f{len(names)}")
+        for layer, (w, b) in enumerate(layers(spec, function), 1):
+            weight, bias, result = f"{name}.W{layer}", f"{name}.b{layer}", f"step{step}.layer{layer}"
+            tensors |= {weight: _tensor(weight, w), bias: _tensor(bias, b)}
+            nodes.append(_node("Gemm", [source, weight, bias], result, _TRANSPOSE))
+            source = result
+            if layer < len(spec.shapes):
+                source = f"{result}.{spec.activation}"
+                nodes.append(_node(spec.activation.capitalize(), [result], source))
+    nodes.append(_node("Identity", [source], "points"))
+    return _message(
+        *((1, node) for node in nodes),
+        (2, "mapping function"),
+        *((5, tensor) for tensor in tensors.values()),
+        (11, _value("x", spec.input_dim)),
+        (12, _value("points", spec.output_dim)),
+    )
+
+
+def _node(operator: str, inputs: list[str], output: str, *attributes: bytes) -> bytes:
+    """A NodeProto."""
+    return _message(*((1, name) for name in inputs), (2, output), (4, operator), *((5, each) for each in attributes))
+
+
+def _tensor(name: str, array: Array) -> bytes:
+    """A TensorProto."""
+    data = np.ascontiguousarray(array, dtype="<f4").tobytes()
+    return _message(*((1, size) for size in array.shape), (2, FLOAT), (8, name), (9, data))
+
+
+def _value(name: str, columns: int) -> bytes:
+    """A ValueInfoProto: float32 (n, columns), n left open."""
+    shape = _message((1, _message((2, "n"))), (1, _message((1, columns))))
+    return _message((1, name), (2, _message((1, _message((1, FLOAT), (2, shape))))))
+
+
+def _message(*fields: Field) -> bytes:
+    """Fields in their order, as bytes; a nested message is a field of bytes."""
+    return b"".join(_field(number, value) for number, value in fields)
+
+
+def _field(number: int, value: int | str | bytes) -> bytes:
+    if isinstance(value, int):
+        return _varint(number << 3 | VARINT) + _varint(value)
+    data = value.encode() if isinstance(value, str) else value
+    return _varint(number << 3 | BYTES) + _varint(len(data)) + data
+
+
+def _varint(value: int) -> bytes:
+    """Seven bits a byte, the lowest first; the high bit says that more follow."""
+    groups = bytearray()
+    while value >= 0x80:
+        groups.append(value & 0x7F | 0x80)
+        value >>= 7
+    return bytes([*groups, value])
+
+
+_TRANSPOSE: Final = _message((1, "transB"), (3, 1), (20, INT))  # Gemm then computes x @ W.T + b

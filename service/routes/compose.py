@@ -1,0 +1,104 @@
+"""POST /compose: new objects made of stored ones."""
+
+from collections.abc import Sequence
+from typing import Annotated, Any, Final
+
+from fastapi import APIRouter, Query
+from fastapi.exceptions import RequestValidationError
+from pydantic import ValidationError
+from starlette.requests import Request
+from starlette.responses import Response
+
+from service.composition import Proposal, check_values, propose
+from service.errors import InvalidInput, NotFound
+from service.ids import is_id
+from service.mapping import Array
+from service.runtime import Ready, Runtime
+from service.schemas import ComposedObjects, Composition, NoQuery, Problem, StoredObject
+from service.store import Record
+from service.uploads import read_body
+
+router = APIRouter()
+
+MAX_BODY_BYTES: Final = 16_384
+REQUEST_BODY: Final = {"required": True, "content": {"application/json": {"schema": Composition.model_json_schema()}}}
+RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
+    200: {"description": "What the same call made before"},
+    201: {
+        "model": StoredObject | ComposedObjects,
+        "description": "A new object; with `all` its objects, of which at least one is new",
+        "headers": {"Location": {"description": "path of the one object", "schema": {"type": "string"}}},
+    },
+    400: {"model": Problem, "description": "A body that is no JSON"},
+    404: {"model": Problem, "description": "No object of an id; `errors` tells which"},
+    413: {"model": Problem, "description": "More bytes than such a call can need"},
+    422: {
+        "model": Problem,
+        "description": "A word of the wrong length, objects of different specs, a composed object among them; "
+        "`errors` tells which",
+    },
+}
+
+
+@router.post(
+    "/compose",
+    tags=["objects"],
+    response_model=StoredObject | ComposedObjects,
+    responses=RESPONSES,
+    openapi_extra={"requestBody": REQUEST_BODY},
+)
+async def compose(
+    request: Request, response: Response, query: Annotated[NoQuery, Query()], runtime: Ready
+) -> StoredObject | ComposedObjects:
+    """Make a composed object, which is kept as its word, or an interpolated one, which has a theta of its own.
+
+    Ids are digests of the mode and the word: a repeat answers 200 with the same objects.
+    """
+    asked = await _read(request)
+    members = await _members(runtime, asked.objects)
+    proposals = await runtime.run(propose, members, asked.mode)
+    records, any_new = await _keep(runtime, proposals)
+    if any_new:
+        response.status_code = 201
+    shown = [StoredObject.of(record) for record in records]
+    if asked.mode == "all":
+        return ComposedObjects(objects=shown)
+    if any_new:
+        response.headers["Location"] = shown[0].links.self_
+    return shown[0]
+
+
+async def _read(request: Request) -> Composition:
+    """The body. Raises InvalidInput where it is no JSON, RequestValidationError where it asks for something else."""
+    body = await read_body(request, MAX_BODY_BYTES)
+    try:
+        return Composition.model_validate_json(body)
+    except ValidationError as error:
+        errors = error.errors(include_url=False)
+        if errors[0]["type"] == "json_invalid":
+            raise InvalidInput("the body is no JSON") from error
+        raise RequestValidationError(errors) from error
+
+
+async def _members(runtime: Runtime, ids: Sequence[str]) -> list[tuple[Record, Array]]:
+    """The objects that are named, with their thetas. Raises NotFound for the first that is not there."""
+    members = []
+    for index, object_id in enumerate(ids):
+        found = await runtime.store.find(object_id) if is_id(object_id) else None
+        if found is None:
+            raise NotFound(f"objects[{index}]: there is no object of this id", field=f"objects[{index}]")
+        members.append(found)
+    return members
+
+
+async def _keep(runtime: Runtime, proposals: Sequence[Proposal]) -> tuple[list[Record], bool]:
+    """The objects as they are kept, and whether any is new. What cannot be sampled is refused before any is kept."""
+    kept = await runtime.store.records([proposal.record.id for proposal in proposals])
+    fresh = [proposal for proposal in proposals if proposal.record.id not in kept]
+    await runtime.run(check_values, fresh)
+    any_new = False
+    for proposal in fresh:
+        record, new = await runtime.store.put(proposal.record, proposal.theta)
+        kept[record.id] = record
+        any_new |= new
+    return [kept[proposal.record.id] for proposal in proposals], any_new

@@ -1,0 +1,78 @@
+"""The page at / and the API's documentation at /docs: static files, nothing from elsewhere.
+
+What they are shown with, three.js and Swagger UI, is put into service/viewer/static/bundle when the package is built.
+"""
+
+import base64
+import hashlib
+import re
+from pathlib import Path
+from typing import Final
+
+from starlette.middleware.gzip import GZipMiddleware
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import BaseRoute, Mount, Route
+from starlette.staticfiles import StaticFiles
+from starlette.types import Scope
+
+from service.errors import NotFound
+
+STATIC: Final = Path(__file__).resolve().parents[1] / "viewer" / "static"
+BUNDLE: Final = STATIC / "bundle"
+NOT_BUILT: Final = (
+    "this page was left out when the service was installed, for want of npm: install Node.js, then the service again "
+    "(`make clean serve`, or `pip install .`)"
+)
+
+
+def content_security_policy(page: str) -> str:
+    """The Content-Security-Policy of an HTML page: its own origin only; of inline scripts only its import map.
+
+    Browsers take import maps inline alone (HTML standard, section 8.1.5.3), so that one is named by its digest.
+    """
+    maps = re.findall(r'<script type="importmap">(.*?)</script>', page, re.DOTALL)
+    digests = [base64.b64encode(hashlib.sha256(text.encode()).digest()).decode("ascii") for text in maps]
+    scripts = " ".join(["'self'", *(f"'sha256-{digest}'" for digest in digests)])
+    return (
+        f"default-src 'none'; script-src {scripts}; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; "
+        "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    )
+
+
+class Pages(StaticFiles):
+    """Static files: kept by browsers and asked about each time (ETag, 304); pages load nothing from elsewhere."""
+
+    async def get_response(self, path: str, scope: Scope) -> Response:
+        """A file's answer. Raises Starlette's 404 and 405."""
+        response = await super().get_response(path, scope)
+        response.headers["Cache-Control"] = "no-cache"
+        response.headers["X-Content-Type-Options"] = "nosniff"
+        if path.endswith(".html"):
+            response.headers["Referrer-Policy"] = "no-referrer"
+            response.headers["Content-Security-Policy"] = content_security_policy((STATIC / path).read_text("utf-8"))
+        return response
+
+
+_pages: Final = Pages(directory=STATIC)
+
+
+async def _viewer(request: Request) -> Response:
+    return await _page("index.html", request)
+
+
+async def _docs(request: Request) -> Response:
+    return await _page("docs.html", request)
+
+
+async def _page(name: str, request: Request) -> Response:
+    if not BUNDLE.is_dir():
+        raise NotFound(NOT_BUILT)
+    return await _pages.get_response(name, request.scope)
+
+
+routes: Final[list[BaseRoute]] = [
+    Route("/", _viewer),
+    Route("/docs", _docs),
+    Mount("/viewer", GZipMiddleware(_pages, compresslevel=6)),
+]

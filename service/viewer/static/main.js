@@ -1,0 +1,50 @@
+// The page: a photo becomes an object, objects are shown, two of them are composed.
+import { composeAll } from "./api.js";
+import { showCurl } from "./curl.js";
+import { markCards, reloadGallery, startGallery } from "./gallery.js";
+import { onEncoded } from "./photo.js";
+import { attempt } from "./problem.js";
+import { focusStage, showObject, showWords } from "./view.js";
+
+const galleryLine = document.querySelector("#gallery .curl");
+
+function show(object) {
+  showObject(object);
+  markCards({ [object.id]: "" });
+}
+
+function open(object) {
+  show(object);
+  focusStage();
+}
+
+function compose(first, second) {
+  return attempt(async () => {
+    const body = JSON.stringify({ objects: [first.id, second.id], mode: "all" });
+    showCurl(galleryLine, `-H "Content-Type: application/json" -d '${body}'`, "/compose");
+    const objects = await composeAll(first.id, second.id);
+    const letters = { [first.id]: "A", [second.id]: "B" };
+    const labels = objects.map((object) => object.word.map((id) => letters[id]).join(""));
+    const about = `All words over A and B: ${labels[1]} is ${formula(labels[1])}, its last letter first.`;
+    await reloadGallery();
+    markCards(letters);
+    showWords(objects, labels, about);
+    focusStage();
+  });
+}
+
+/** A word as what it computes: AB is A(B(x)). */
+function formula(word) {
+  return `${[...word].join("(")}(x${")".repeat(word.length)}`;
+}
+
+startGallery({ open, compose });
+onEncoded(async (object) => {
+  await reloadGallery();
+  show(object);
+});
+showCurl(galleryLine, "", "/objects");
+attempt(async () => {
+  const newest = await reloadGallery();
+  if (newest) show(newest);
+});

@@ -1,0 +1,158 @@
+// Draws clouds side by side, each in a cell of a grid, all seen from the same side; pointer and keys turn them.
+import { Color, MathUtils, PerspectiveCamera, ShaderMaterial, Spherical, WebGLRenderer } from "three";
+import { OrbitControls } from "three/controls";
+
+import { colours, onColoursChange } from "./colours.js";
+
+const DISTANCE = 3.1; // of the camera; the longest side of an object is 1
+const FIELD_OF_VIEW = 26; // degrees
+const START = { azimuth: 30, elevation: 20 }; // degrees; azimuth 0 looks at the front
+const STEP = 10; // degrees a key turns
+const ZOOM = 1.15; // a key's
+const POINT_SIZE = { least: 1.4, most: 4, share: 0.42 }; // CSS pixels; share of a cell's side over sqrt(n)
+
+const VERTEX = `
+  uniform float size;
+  uniform float distance;
+  varying float depth; // 0 nearest, 1 farthest
+  void main() {
+    vec4 seen = modelViewMatrix * vec4(position, 1.0);
+    depth = clamp(-seen.z - distance + 0.5, 0.0, 1.0);
+    gl_Position = projectionMatrix * seen;
+    gl_PointSize = size;
+  }`;
+const FRAGMENT = `
+  uniform vec3 near;
+  uniform vec3 far;
+  varying float depth;
+  void main() {
+    if (length(gl_PointCoord - 0.5) > 0.5) discard;
+    gl_FragColor = vec4(mix(near, far, depth), 1.0);
+  }`;
+
+export class Stage {
+  /** Raises where the browser has no WebGL. */
+  constructor(canvas) {
+    this.canvas = canvas;
+    this.clouds = [];
+    this.shown = 0; // points of each cloud that are asked for
+    this.renderer = new WebGLRenderer({ canvas, alpha: true, antialias: true });
+    this.renderer.setClearColor(0x000000, 0);
+    this.material = new ShaderMaterial({
+      vertexShader: VERTEX,
+      fragmentShader: FRAGMENT,
+      uniforms: {
+        size: { value: 2 },
+        distance: { value: DISTANCE },
+        near: { value: new Color() },
+        far: { value: new Color() },
+      },
+    });
+    this.camera = new PerspectiveCamera(FIELD_OF_VIEW, 1, 0.1, 20);
+    this.controls = new OrbitControls(this.camera, canvas);
+    this.controls.enablePan = false;
+    this.controls.minDistance = 1;
+    this.controls.maxDistance = 8;
+    this.controls.addEventListener("change", () => this.redraw());
+    canvas.addEventListener("keydown", (event) => this.#key(event));
+    new ResizeObserver(() => this.redraw()).observe(canvas);
+    onColoursChange(() => this.redraw());
+    this.reset();
+  }
+
+  /** Show these clouds and no others. */
+  set(clouds) {
+    for (const cloud of this.clouds) cloud.dispose();
+    this.clouds = clouds;
+    this.redraw();
+  }
+
+  /** Show the first n points of each cloud. */
+  show(n) {
+    this.shown = n;
+    this.redraw();
+  }
+
+  /** Columns and rows of the grid: near to square. */
+  get grid() {
+    const columns = Math.max(1, Math.ceil(Math.sqrt(this.clouds.length)));
+    return { columns, rows: Math.max(1, Math.ceil(this.clouds.length / columns)) };
+  }
+
+  /** Look from where it began. */
+  reset() {
+    this.#look(
+      new Spherical(DISTANCE, MathUtils.degToRad(90 - START.elevation), MathUtils.degToRad(START.azimuth)),
+    );
+  }
+
+  /** Draw at the next frame. */
+  redraw() {
+    this.frame ??= requestAnimationFrame(() => {
+      this.frame = undefined;
+      this.#draw();
+    });
+  }
+
+  #draw() {
+    const { clientWidth: width, clientHeight: height } = this.canvas;
+    if (!width || !height) return;
+    const { columns, rows } = this.grid;
+    const [cellWidth, cellHeight] = [width / columns, height / rows];
+    const ratio = devicePixelRatio;
+    this.renderer.setPixelRatio(ratio);
+    this.renderer.setSize(width, height, false);
+    this.#uniforms(Math.min(cellWidth, cellHeight), ratio);
+    this.camera.aspect = cellWidth / cellHeight;
+    this.camera.fov = this.camera.aspect < 1 ? FIELD_OF_VIEW / this.camera.aspect : FIELD_OF_VIEW;
+    this.camera.updateProjectionMatrix();
+    this.renderer.setScissorTest(false);
+    this.renderer.clear();
+    this.renderer.setScissorTest(true);
+    this.clouds.forEach((cloud, index) => {
+      cloud.show(this.shown);
+      const [x, y] = [index % columns, Math.floor(index / columns)];
+      const cell = [x * cellWidth, height - (y + 1) * cellHeight, cellWidth, cellHeight];
+      this.renderer.setViewport(...cell);
+      this.renderer.setScissor(...cell);
+      this.renderer.render(cloud.scene, this.camera);
+    });
+  }
+
+  #uniforms(side, ratio) {
+    const { uniforms } = this.material;
+    const { least, most, share } = POINT_SIZE;
+    uniforms.size.value = ratio * MathUtils.clamp((share * side) / Math.sqrt(this.shown || 1), least, most);
+    uniforms.distance.value = this.camera.position.length();
+    const { near, far } = colours();
+    uniforms.near.value.setRGB(...near.map((channel) => channel / 255));
+    uniforms.far.value.setRGB(...far.map((channel) => channel / 255));
+  }
+
+  #look(spherical) {
+    this.camera.position.setFromSpherical(spherical.makeSafe());
+    this.controls.update();
+    this.redraw();
+  }
+
+  #key(event) {
+    const at = new Spherical().setFromVector3(this.camera.position);
+    const step = MathUtils.degToRad(STEP);
+    const { minDistance, maxDistance } = this.controls;
+    const moves = {
+      ArrowLeft: () => (at.theta += step),
+      ArrowRight: () => (at.theta -= step),
+      ArrowUp: () => (at.phi -= step),
+      ArrowDown: () => (at.phi += step),
+      "+": () => (at.radius = Math.max(minDistance, at.radius / ZOOM)),
+      "-": () => (at.radius = Math.min(maxDistance, at.radius * ZOOM)),
+    };
+    if (event.key === "Home") this.reset();
+    else if (moves[event.key]) {
+      moves[event.key]();
+      at.phi = MathUtils.clamp(at.phi, 0.01, Math.PI - 0.01);
+      this.#look(at);
+    } else return;
+    event.preventDefault();
+  }
+}

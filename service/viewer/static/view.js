@@ -1,0 +1,154 @@
+// The objects on the stage: how many points of which seed, how many have arrived, and their download.
+import { fetchFile, pointsPath, streamPoints } from "./api.js";
+import { Cloud } from "./cloud.js";
+import { showCurl } from "./curl.js";
+import { attempt } from "./problem.js";
+import { Stage } from "./stage.js";
+
+const element = (id) => document.getElementById(id);
+const [slider, seed, form, format, words] = ["n", "seed", "download", "format", "words"].map(element);
+const progress = document.querySelector("#view progress");
+const line = document.querySelector("#view .curl");
+
+const MOST = Number(`1e${slider.max}`); // points on the stage, of all clouds together
+
+let stage; // none where the browser has no WebGL
+let clouds = [];
+let filling = new AbortController();
+
+/** Show one object. */
+export function showObject(object) {
+  element("about").textContent = describe(object);
+  words.hidden = true;
+  show([object]);
+}
+
+/** Bring the stage before who asked for it from below, and let the keys turn it. */
+export function focusStage() {
+  document.querySelector("#stage canvas").focus();
+}
+
+/** Show words side by side, each labelled; a label opens its word alone. */
+export function showWords(objects, labels, about) {
+  element("about").textContent = about;
+  words.replaceChildren(...objects.map((object, index) => label(object, labels[index])));
+  words.hidden = false;
+  show(objects);
+  words.style.setProperty("--columns", stage?.grid.columns ?? 2);
+}
+
+function describe({ kind, spec, bytes, created_at: created }) {
+  const numbers = (bytes / 4).toLocaleString("en");
+  const when = new Date(created).toLocaleString("en-GB", { dateStyle: "medium", timeStyle: "short" });
+  return `${numbers} numbers (${spec.name}, k = ${spec.k}), ${kind} ${when}`;
+}
+
+function label(object, text) {
+  const item = document.createElement("li");
+  const button = document.createElement("button");
+  button.type = "button";
+  button.textContent = text;
+  button.addEventListener("click", () => showObject(object));
+  item.append(button);
+  return item;
+}
+
+function show(objects) {
+  element("empty").hidden = Boolean(stage);
+  form.hidden = line.hidden = objects.length > 1;
+  clouds = objects.map((object) => new Cloud(object, stage?.material));
+  stage?.set(clouds);
+  fill();
+}
+
+/** Points of each cloud: the slider's, to two digits. */
+function wanted() {
+  const n = Number((10 ** Number(slider.value)).toPrecision(2));
+  return Math.min(n, Math.floor(MOST / Math.max(1, clouds.length)));
+}
+
+/** Fetch the points that are asked for and not there yet. */
+function fill() {
+  filling.abort();
+  filling = new AbortController();
+  showNumbers();
+  if (!stage) return;
+  const [n, signal] = [wanted(), filling.signal];
+  const tasks = clouds.map(async (cloud) => {
+    cloud.reserve(n);
+    const query = { n: n - cloud.count, seed: seed.value, offset: cloud.count };
+    if (query.n <= 0) return;
+    await streamPoints(cloud.object, query, signal, (bytes) => {
+      cloud.append(bytes);
+      stage.redraw();
+      showArrived();
+    });
+  });
+  attempt(() => Promise.all(tasks));
+}
+
+function showNumbers() {
+  const n = wanted().toLocaleString("en");
+  element("n-shown").textContent = n;
+  slider.setAttribute("aria-valuetext", `${n} points`);
+  stage?.show(wanted());
+  showArrived();
+  if (!form.hidden) showDownload();
+}
+
+function showArrived() {
+  const n = wanted();
+  const arrived = Math.min(n, ...clouds.map((cloud) => cloud.count));
+  progress.value = clouds.length ? arrived / n : 0;
+  progress.classList.toggle("done", arrived === n || !clouds.length);
+  const each = clouds.length > 1 ? " each" : "";
+  const done = arrived === n ? "" : ` of ${n.toLocaleString("en")}`;
+  element("count").textContent = clouds.length ? `${arrived.toLocaleString("en")}${done} points${each}` : "";
+}
+
+/** The file that is chosen: its path in the API, and its suffix. */
+function chosen() {
+  const [{ object }] = clouds;
+  const name = format.value;
+  if (format.selectedOptions[0].parentElement.dataset.of === "weights") {
+    return { path: `${object.links.weights}?format=${name}`, suffix: name };
+  }
+  return { path: pointsPath(object, { n: wanted(), seed: seed.value, format: name }), suffix: name };
+}
+
+function showDownload() {
+  const { path, suffix } = chosen();
+  showCurl(line, `-o object.${suffix}`, path);
+}
+
+async function save() {
+  const { blob, name } = await fetchFile(chosen().path);
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(blob);
+  link.download = name;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 60_000);
+}
+
+function start() {
+  try {
+    stage = new Stage(document.querySelector("#stage canvas"));
+  } catch {
+    element("empty").textContent = "This browser shows no WebGL, so no points here; downloads work.";
+  }
+  slider.addEventListener("input", showNumbers);
+  slider.addEventListener("change", fill);
+  seed.addEventListener("change", () => {
+    if (!seed.reportValidity() || seed.value === "") return;
+    for (const cloud of clouds) cloud.clear();
+    fill();
+  });
+  format.addEventListener("change", showDownload);
+  form.addEventListener("submit", (event) => {
+    event.preventDefault();
+    attempt(save);
+  });
+  showNumbers();
+}
+
+start();

@@ -1,0 +1,61 @@
+"""The one step of the build that pyproject.toml cannot state: the page's bundle, service/viewer/static/bundle.
+
+three.js and Swagger UI come from npm, at the versions of service/viewer/package-lock.json; the example photos are the
+demo's. Where there is no npm, the package is built without them, and the service says so at `/`.
+"""
+
+import json
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Final
+
+from setuptools import setup
+from setuptools.command.build_py import build_py
+
+ROOT: Final = Path(__file__).resolve().parent
+VIEWER: Final = ROOT / "service" / "viewer"
+MODULES: Final = VIEWER / "node_modules"
+BUNDLE: Final = VIEWER / "static" / "bundle"
+
+FILES: Final = {
+    "three": (
+        MODULES / "three",
+        "LICENSE",
+        "build/three.core.min.js",
+        "build/three.module.min.js",
+        "examples/jsm/controls/OrbitControls.js",
+    ),
+    "swagger-ui": (MODULES / "swagger-ui-dist", "LICENSE", "NOTICE", "swagger-ui-bundle.js", "swagger-ui.css"),
+    "photos": (ROOT / "demo", "armchair.png", "chair.png", "coffee.jpg"),
+}
+
+
+class BuildWithBundle(build_py):
+    """Python's files, and beside them the bundle; for wheels and editable installs alike."""
+
+    def run(self) -> None:
+        """Get what is missing of the npm packages, copy what the page takes of them, build."""
+        npm = shutil.which("npm")
+        if npm and _versions(MODULES / ".package-lock.json") != _versions(VIEWER / "package-lock.json"):
+            subprocess.run([npm, "ci", "--no-audit", "--no-fund"], cwd=VIEWER, check=True)  # noqa: S603
+        if MODULES.is_dir():
+            _copy()
+        super().run()
+
+
+def _versions(lock: Path) -> dict[str, str]:
+    """The packages of an npm lock file and their versions; none where there is no file."""
+    packages = json.loads(lock.read_text("utf-8"))["packages"] if lock.is_file() else {}
+    return {name: package["version"] for name, package in packages.items() if name}
+
+
+def _copy() -> None:
+    shutil.rmtree(BUNDLE, ignore_errors=True)
+    for folder, (source, *files) in FILES.items():
+        (BUNDLE / folder).mkdir(parents=True)
+        for file in files:
+            shutil.copy(source / file, BUNDLE / folder)
+
+
+setup(cmdclass={"build_py": BuildWithBundle})

@@ -1,0 +1,90 @@
+"""The page's files: their headers, what they name, and what is told where the bundle is missing."""
+
+import re
+from pathlib import Path
+
+import httpx
+import pytest
+
+from service.formats import POINT_FORMATS
+from service.formats.weights import WEIGHT_FORMATS
+from service.routes import viewer
+
+OWN = [path for path in viewer.STATIC.iterdir() if path.is_file()]
+INDEX = (viewer.STATIC / "index.html").read_text("utf-8")
+
+
+def test_the_page_is_served_to_be_kept_and_to_load_nothing_from_elsewhere(client: httpx.Client) -> None:
+    answer = client.get("/")
+    assert answer.headers["content-type"] == "text/html; charset=utf-8"
+    assert answer.headers["cache-control"] == "no-cache"
+    assert answer.headers["x-content-type-options"] == "nosniff"
+    policy = dict(part.split(" ", 1) for part in answer.headers["content-security-policy"].split("; "))
+    assert policy["default-src"] == "'none'"
+    assert policy["connect-src"] == policy["style-src"] == "'self'"
+    assert re.fullmatch(r"'self' 'sha256-[\w+/]{43}='", policy["script-src"])
+    assert "unsafe" not in answer.headers["content-security-policy"]
+    assert client.get("/", headers={"If-None-Match": answer.headers["etag"]}).status_code == 304
+    assert client.head("/").headers["content-length"] == str(len(answer.content))
+
+
+@pytest.mark.parametrize(
+    ("name", "media_type"),
+    [
+        ("main.js", "text/javascript; charset=utf-8"),
+        ("style.css", "text/css; charset=utf-8"),
+        ("icon.svg", "image/svg+xml"),
+        ("bundle/three/three.module.min.js", "text/javascript; charset=utf-8"),
+        ("bundle/photos/chair.png", "image/png"),
+    ],
+)
+def test_files_have_their_types(client: httpx.Client, name: str, media_type: str) -> None:
+    answer = client.get(f"/viewer/{name}")
+    assert (answer.status_code, answer.headers["content-type"]) == (200, media_type)
+    assert answer.headers["cache-control"] == "no-cache"
+    assert answer.content == (viewer.STATIC / name).read_bytes()
+    assert client.get(f"/viewer/{name}", headers={"If-None-Match": answer.headers["etag"]}).status_code == 304
+
+
+def test_large_files_are_compressed(client: httpx.Client) -> None:
+    answer = client.get("/viewer/bundle/three/three.core.min.js", headers={"Accept-Encoding": "gzip"})
+    assert answer.headers["content-encoding"] == "gzip"
+    assert "Accept-Encoding" in answer.headers["vary"]
+
+
+def test_only_files_of_the_page_are_served(client: httpx.Client) -> None:
+    for path in ("/viewer/no.js", "/viewer/", "/viewer/%2e%2e/package.json", "/viewer/%2e%2e/%2e%2e/app.py"):
+        answer = client.get(path)
+        assert (answer.status_code, answer.headers["content-type"]) == (404, "application/problem+json"), path
+    assert client.post("/").status_code == client.post("/viewer/main.js").status_code == 405
+
+
+def test_everything_that_a_page_names_is_there(client: httpx.Client) -> None:
+    for path in OWN:
+        text = path.read_text("utf-8")
+        named = re.findall(r'(?:src|href)="(/[^"]+)"|"(/viewer/[^"]+)"', text)
+        relative = re.findall(r'from "\./([^"]+)"', text)
+        for name in [*("".join(pair) for pair in named), *(f"/viewer/{name}" for name in relative)]:
+            assert client.get(name).status_code == 200, (path.name, name)
+        assert not re.search(r"https?://(?!www\.w3\.org/2000/svg)", text), path.name
+
+
+def test_the_licences_are_beside_what_is_bundled() -> None:
+    assert "MIT" in (viewer.BUNDLE / "three" / "LICENSE").read_text("utf-8")
+    assert "Apache License" in (viewer.BUNDLE / "swagger-ui" / "LICENSE").read_text("utf-8")
+
+
+@pytest.mark.parametrize("path", ["/", "/docs"])
+def test_where_the_bundle_is_missing_the_page_says_so_and_the_api_works(
+    client: httpx.Client, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, path: str
+) -> None:
+    monkeypatch.setattr(viewer, "BUNDLE", tmp_path / "bundle")
+    answer = client.get(path)
+    assert (answer.status_code, answer.json()["detail"]) == (404, viewer.NOT_BUILT)
+    assert client.get("/objects").status_code == 200
+
+
+def test_the_page_saves_every_format() -> None:
+    groups = dict(re.findall(r'<optgroup [^>]*data-of="(\w+)">(.*?)</optgroup>', INDEX, re.DOTALL))
+    values = {name: set(re.findall(r'value="(\w+)"', group)) for name, group in groups.items()}
+    assert values == {"points": set(POINT_FORMATS), "weights": set(WEIGHT_FORMATS)}
