@@ -77,13 +77,13 @@ def train(data: Path, run: Path, config: TrainConfig) -> Path:
             if time.monotonic() - saved > CHECKPOINT_EVERY_S or state.elapsed_s >= budget_s:
                 figures = validate(state.average, state.config, validation)
                 _log(log, bar, state, figures)
-                state.save(run, figures["f@1%"])
+                state.save(run, figures["f@1%"] + figures["f@2%"])
                 saved = time.monotonic()
     return chosen_checkpoint(run)
 
 
 def chosen_checkpoint(run: Path) -> Path:
-    """A run's checkpoint that was best on the validation split (F@1%), or its last where none was chosen."""
+    """A run's checkpoint that was best on the validation split (F@1% and F@2%), or its last where none was chosen."""
     best = run / "best.pt"
     return best if best.exists() else run / "last.pt"
 
@@ -94,7 +94,7 @@ class _State:
     average : the network with the exponential moving average of all weights and buffers: what is
         validated and exported.
     before : steps and seconds of the runs that this one started from.
-    best : the highest F@1% on the validation split so far.
+    best : the highest sum of F@1% and F@2% on the validation split so far.
     """
 
     def __init__(self, config: TrainConfig) -> None:
