@@ -71,9 +71,8 @@ def train(data: Path, run: Path, config: TrainConfig) -> Path:
             losses.append(_step(state, batch, progress, threads))
             state.elapsed_s = time.monotonic() - started
             if state.step % LOG_EVERY == 0:
-                mean = sum(losses) / len(losses)
+                _log(log, bar, state, {"loss": sum(losses) / len(losses)})
                 losses.clear()
-                _log(log, bar, state, {"loss": mean})
             if time.monotonic() - saved > CHECKPOINT_EVERY_S or state.elapsed_s >= budget_s:
                 figures = validate(state.average, state.config, validation)
                 _log(log, bar, state, figures)
