@@ -7,6 +7,7 @@ chunking, on one machine and build of NumPy.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -15,7 +16,7 @@ from threadpoolctl import threadpool_limits
 from service import folding
 from service.canonical import Sampling, check_range, span
 from service.errors import CorruptWeights, InvalidParameter
-from service.folding import FoldedWord, buffer
+from service.folding import FoldedWord, buffer, each_once
 from service.mapping import Array, MappingSpec, layers
 
 TILE: Final = 512  # points
@@ -134,8 +135,7 @@ class _Tiles:
 
     def __init__(self, spec: MappingSpec, word: Sequence[Array]) -> None:
         self._spec = spec
-        packed = {id(theta): _pack(spec, theta) for theta in word}
-        self._functions = [packed[id(theta)] for theta in reversed(word)]
+        self._functions = each_once(partial(_pack, spec), word[::-1])
 
     def map(self, x: Array, _: int) -> Array:
         """Canonical points, (input_dim, n), n a multiple of `align` -> the object's, (3, n)."""
