@@ -86,7 +86,7 @@ def _sampler_table(report: Report, rounds: int, quick: bool) -> None:
     for spec in SPECS[:1] if quick else SPECS:
         network = mapping_network(spec, initial_theta(spec))
         ways = {OURS: ours(spec, fast=False)}
-        if folding.fits(spec):
+        if spec.is_one_relu_layer:
             ways[FAST] = ours(spec, fast=True)
             ways[WHOLE] = ours(spec, fast=False, folded=False)
             ways[FAST_WHOLE] = ours(spec, fast=True, folded=False)

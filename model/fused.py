@@ -13,17 +13,10 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
-from service.mapping import MappingSpec
-
 TILE: Final = 512  # points: their coordinates and gradients stay in the L1 cache
 Array = npt.NDArray[np.float32]
 
 _compiled = numba.njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-
-
-def fits(spec: MappingSpec) -> bool:
-    """Whether f is such a pair of layers: three inputs, one hidden layer, ReLU."""
-    return spec.input_dim == 3 and len(spec.hidden) == 1 and spec.activation == "relu"
 
 
 class FusedLayers(torch.autograd.Function):

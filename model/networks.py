@@ -120,7 +120,7 @@ class ThetaHead(nn.Module):
 
 def power(spec: MappingSpec, theta: Tensor, x: Tensor) -> Tensor:
     """f_theta^k(x) for a batch (paper, eq. 4): (b, size), (b, n, input_dim) -> (b, n, 3)."""
-    if fused.fits(spec):
+    if spec.is_one_relu_layer:
         return _fused_power(spec, theta, x)
     *hidden, (w_last, b_last) = split_theta(spec, theta)
     folded = [torch.cat([w, b.unsqueeze(2)], dim=2).transpose(1, 2) for w, b in hidden]  # bias as one more input

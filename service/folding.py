@@ -30,17 +30,12 @@ Corner = npt.NDArray[np.float64]
 Packed = TypeVar("Packed")
 
 
-def fits(spec: MappingSpec) -> bool:
-    """Whether this function can be folded: three inputs, one hidden layer, ReLU."""
-    return spec.input_dim == 3 and len(spec.hidden) == 1 and spec.activation == "relu"
-
-
 class Fold:
     """One function x -> V relu(W x + b) + c over a box, cut into cells.
 
     Parameters
     ----------
-    spec, theta : the function; `fits(spec)`.
+    spec, theta : the function; `spec.is_one_relu_layer`.
     low, high : (3,) corners of the box.
     grid : cells a side; 0 leaves the network whole everywhere.
 

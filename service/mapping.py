@@ -79,6 +79,11 @@ class MappingSpec:
             raise InvalidSpec(f"theta would have {self.size} numbers, at most {MAX_SIZE}", field="hidden")
 
     @property
+    def is_one_relu_layer(self) -> bool:
+        """Whether f is x -> V relu(W x + b) + c on three inputs, which has faster ways of its own."""
+        return self.input_dim == 3 and len(self.hidden) == 1 and self.activation == "relu"
+
+    @property
     def shapes(self) -> list[tuple[int, int]]:
         """(out, in) of each layer's W, first to last."""
         dims = [self.input_dim, *self.hidden, self.output_dim]

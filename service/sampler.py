@@ -13,7 +13,6 @@ from typing import Final
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from service import folding
 from service.canonical import Sampling, check_range, span
 from service.errors import CorruptWeights, InvalidParameter
 from service.folding import FoldedWord, buffer, each_once
@@ -42,7 +41,7 @@ class Sampler:
         if len(word) != spec.k:
             raise InvalidParameter(f"the word has {len(word)} functions, {spec.name} needs {spec.k}", field="word")
         self._domain = spec.domain
-        self._function = FoldedWord(spec, word) if folding.fits(spec) else _Tiles(spec, word)
+        self._function = FoldedWord(spec, word) if spec.is_one_relu_layer else _Tiles(spec, word)
 
     def points(
         self, n: int, *, seed: int = 0, offset: int = 0, scale: float = 1.0, sampling: Sampling = "uniform"

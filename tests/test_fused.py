@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from model.fused import TILE, FusedLayers, fits
+from model.fused import TILE, FusedLayers
 from service.mapping import HOF_1, HOF_3, MappingSpec
 
 Layers = Callable[..., Tensor]
@@ -39,7 +39,7 @@ def test_points_and_gradients_are_those_of_plain_operations(n: int) -> None:
 
 
 def test_it_is_for_one_hidden_relu_layer_on_three_inputs() -> None:
-    assert fits(HOF_1)
-    assert not fits(HOF_3)
-    assert not fits(MappingSpec("tanh", 3, (8,), 3, "tanh"))
-    assert not fits(MappingSpec("four", 4, (8,), 3, domain="ball4"))
+    assert HOF_1.is_one_relu_layer
+    assert not HOF_3.is_one_relu_layer
+    assert not MappingSpec("tanh", 3, (8,), 3, "tanh").is_one_relu_layer
+    assert not MappingSpec("four", 4, (8,), 3, domain="ball4").is_one_relu_layer

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from service import folding, kernel
+from service import kernel
 from service.canonical import BLOCK, canonical_points
 from service.errors import CorruptWeights, InvalidParameter, InvalidSpec
 from service.folding import CompiledFold, Fold, NumpyFold
@@ -131,10 +131,10 @@ def test_a_fold_leaves_few_units_to_a_cell() -> None:
 
 
 def test_only_networks_of_one_hidden_layer_of_relus_in_space_are_folded() -> None:
-    assert folding.fits(HOF_1)
-    assert not folding.fits(HOF_3)
-    assert not folding.fits(MappingSpec("tanh", 3, (8,), 3, "tanh"))
-    assert not folding.fits(MappingSpec("four", 4, (8,), 3, domain="ball4"))
+    assert HOF_1.is_one_relu_layer
+    assert not HOF_3.is_one_relu_layer
+    assert not MappingSpec("tanh", 3, (8,), 3, "tanh").is_one_relu_layer
+    assert not MappingSpec("four", 4, (8,), 3, domain="ball4").is_one_relu_layer
 
 
 def test_a_constant_function_can_be_folded() -> None:
