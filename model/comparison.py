@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from model.ceiling import fit
 from model.data.manifest import Split
-from model.evaluate import POINTS, Case, Evaluation, cases, encoder_answer, measure, measure_objects
+from model.evaluate import POINTS, Case, Evaluation, cases, draw, encoder_answer, measure, measure_objects
 from model.metrics import compare, floor
 from model.perturb import Condition
 from model.provenance import provenance
@@ -19,8 +19,6 @@ from model.timing import mapping_decoder, network_decoder
 from model.train import chosen_checkpoint, load_network, load_predictor
 from service.encoder import Encoder
 from service.images import preprocess
-from service.mapping import MappingSpec
-from service.sampler import sample
 
 Floats = npt.NDArray[np.float32]
 
@@ -103,11 +101,6 @@ def references(data: Path, split: Split, seed: int, conditions: tuple[Condition,
 
 def _shape(name: str, shape: Callable[[Case], Floats], objects: list[Case]) -> Evaluation:
     return measure_objects(name, lambda case: compare(shape(case), case.points), objects)
-
-
-def draw(spec: MappingSpec, theta: Floats) -> Floats:
-    """POINTS of a mapping function, as the service draws them: (POINTS, 3)."""
-    return np.concatenate(list(sample(spec, [theta] * spec.k, POINTS)))
 
 
 def _record(

@@ -21,7 +21,8 @@ from model.metrics import NAMES, compare
 from model.perturb import Condition, condition_views, png
 from service.encoder import Encoder
 from service.images import preprocess
-from service.sampler import sample
+from service.mapping import MappingSpec, word_of
+from service.sampler import Sampler
 
 Floats = npt.NDArray[np.float32]
 Values = npt.NDArray[np.float64]
@@ -71,9 +72,14 @@ def encoder_answer(encoder: Encoder) -> Answer:
 
     def answer(photo: bytes, n: int) -> Floats:
         theta = encoder.encode(preprocess(photo, encoder.framing).tensor)[0]
-        return np.concatenate(list(sample(encoder.spec, [theta] * encoder.spec.k, n)))
+        return draw(encoder.spec, theta, n)
 
     return answer
+
+
+def draw(spec: MappingSpec, theta: Floats, n: int = POINTS) -> Floats:
+    """n points of a mapping function, as the service draws them: (n, 3)."""
+    return Sampler(spec, word_of(spec, theta)).points(n)
 
 
 def predict(encoder: Encoder, view: Bytes, n: int = POINTS) -> Floats:

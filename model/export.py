@@ -16,13 +16,14 @@ import numpy as np
 import onnx
 import torch
 from onnx import helper, numpy_helper
+from torch import nn
 
 from model.config import TrainConfig
 from model.networks import ImageEncoder, power
 from service import mapping
 from service.canonical import canonical_points
 from service.encoder import Encoder
-from service.sampler import sample
+from service.sampler import Sampler
 
 OPSET: Final = 17
 TOLERANCE: Final = 1e-4  # on theta and points, absolute
@@ -42,7 +43,7 @@ def export(encoder: ImageEncoder, config: TrainConfig, card: dict[str, Any], out
     ValueError : torch, onnxruntime and NumPy disagree by more than TOLERANCE.
     """
     _round_matrices(encoder)
-    graph = _halve(_to_onnx(encoder, config.framing.size))
+    graph = _halve(to_onnx(encoder, config.framing.size, "theta"))
     metadata = {"hof.spec": config.spec.to_json(), "hof.framing": asdict(config.framing), "hof.card": card}
     for key, value in metadata.items():
         entry = graph.metadata_props.add()
@@ -70,9 +71,8 @@ def parity(encoder: ImageEncoder, config: TrainConfig, exported: Encoder, seed: 
     canonical = canonical_points(spec.domain, PARITY_POINTS, seed)
     points = power(spec, theta, torch.from_numpy(canonical).expand(PARITY_IMAGES, -1, -1)).numpy()
     reference = np.stack([mapping.power(spec, row, canonical) for row in theta_ort])
-    sampled = np.stack(
-        [np.concatenate(list(sample(spec, [row] * spec.k, PARITY_POINTS, seed=seed))) for row in theta_ort]
-    )
+    words = (mapping.word_of(spec, row) for row in theta_ort)
+    sampled = np.stack([Sampler(spec, word).points(PARITY_POINTS, seed=seed) for word in words])
     return {
         "theta: torch - onnxruntime": float(np.abs(theta.numpy() - theta_ort).max()),
         "points: torch - NumPy": float(np.abs(points - reference).max()),
@@ -88,18 +88,19 @@ def _round_matrices(encoder: ImageEncoder) -> None:
             parameter.copy_(parameter.half().float())
 
 
-def _to_onnx(encoder: ImageEncoder, size: int) -> onnx.ModelProto:
+def to_onnx(network: nn.Module, size: int, output: str) -> onnx.ModelProto:
+    """A network of images (b, 3, size, size) as a graph with the input `image` and one output of that name."""
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         # torch's newer exporter needs a further package and gives this graph no better file
         warnings.simplefilter("ignore", DeprecationWarning)
-        path = Path(folder) / "encoder.onnx"
+        path = Path(folder) / "network.onnx"
         torch.onnx.export(
-            encoder.eval(),
+            network.eval(),
             (torch.zeros(1, 3, size, size),),
             path,
             input_names=["image"],
-            output_names=["theta"],
-            dynamic_axes={"image": {0: "batch"}, "theta": {0: "batch"}},
+            output_names=[output],
+            dynamic_axes={"image": {0: "batch"}, output: {0: "batch"}},
             opset_version=OPSET,
             dynamo=False,
         )

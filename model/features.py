@@ -5,7 +5,6 @@ both Apache-2.0); nothing of it is shipped or served.
 """
 
 import os
-import tempfile
 import warnings
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -14,14 +13,14 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-import onnxruntime as ort
 import torch
 from PIL import Image
 from torch import Tensor, nn
 from tqdm import tqdm
 
 from model.data.manifest import Entry
-from model.export import OPSET
+from model.export import to_onnx
+from service.encoder import open_session
 from service.images import Framing, frame, over_white
 
 Floats = npt.NDArray[np.float32]
@@ -39,9 +38,10 @@ class Features:
     """
 
     def __init__(self) -> None:
-        options = ort.SessionOptions()
-        options.intra_op_num_threads = 1  # callers have threads of their own
-        self._session = ort.InferenceSession(_graph(), options, providers=["CPUExecutionProvider"])
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # tracing warns of sizes that are constant here
+            graph = to_onnx(_Pooled(), FRAMING.size, "features")
+        self._session = open_session(graph.SerializeToString(), threads=1)  # callers have threads of their own
 
     def __call__(self, images: Floats) -> Floats:
         """Images over white (b, 3, size, size) in [0, 1] -> features (b, WIDTH), of length 1."""
@@ -62,23 +62,6 @@ class _Pooled(nn.Module):
     def forward(self, images: Tensor) -> Tensor:
         maps: Tensor = self.network.extract_features((images - MEAN) / SPREAD)
         return nn.functional.normalize(maps.mean(dim=(2, 3)))
-
-
-def _graph() -> bytes:
-    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # as in model.export; tracing warns of sizes that are constant here
-        path = Path(folder) / "features.onnx"
-        torch.onnx.export(
-            _Pooled().eval(),
-            (torch.zeros(1, 3, FRAMING.size, FRAMING.size),),
-            path,
-            input_names=["image"],
-            output_names=["features"],
-            dynamic_axes={"image": {0: "batch"}, "features": {0: "batch"}},
-            opset_version=OPSET,
-            dynamo=False,
-        )
-        return path.read_bytes()
 
 
 @dataclass(frozen=True)

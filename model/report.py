@@ -9,7 +9,7 @@ from model import tables
 from model.asked import asked_table, checks
 from model.classes import class_of
 from model.comparison import COUNTS, ORACLE, RETRIEVAL, encoder_record, references
-from model.data.manifest import Manifest, Split
+from model.data.manifest import Split
 from model.evaluate import POINTS, VIEWS, Evaluation, cases
 from model.perturb import CONDITIONS, FREE_VIEWS
 from model.records import Decoder, Record
@@ -70,10 +70,10 @@ def report(model: Path, data: Path, split: Split, root: Path, seed: int = 0) -> 
     first_objects(encoder, objects).save(folder / f"{encoder.name}.png", optimize=True)
     everyday_objects(encoder, objects).save(folder / f"{encoder.name}-everyday.png", optimize=True)
     others = read_others(folder, ours)
-    page = markdown(ours, others, shipped, Manifest.read(data))
-    (root / "RESULTS.md").write_text(page, encoding="utf-8")
     classes = [class_of(case.entry) for case in objects]
-    return asked_table(checks(ours.evaluations, encoder.name, classes, shipped.bytes_, shipped.ms))
+    asked = asked_table(checks(_evaluations(ours, others), ours.method, classes, shipped.bytes_, shipped.ms))
+    (root / "RESULTS.md").write_text(markdown(ours, others, shipped, classes, asked), encoding="utf-8")
+    return asked
 
 
 def read_others(folder: Path, ours: Record) -> list[Record]:
@@ -94,17 +94,14 @@ def read_others(folder: Path, ours: Record) -> list[Record]:
     return found
 
 
-def markdown(ours: Record, others: Sequence[Record], shipped: Shipped, manifest: Manifest) -> str:
-    """The whole page."""
-    names = {entry.id: class_of(entry) for entry in manifest.entries}
-    classes = [names[id_] for id_ in ours.ids]
-    evaluations = [*_shipped_first(ours), *(found for record in others for found in record.evaluations)]
+def markdown(ours: Record, others: Sequence[Record], shipped: Shipped, classes: Sequence[str], asked: str) -> str:
+    """The whole page; `classes` of the objects in order, `asked` the table of asked figures."""
+    evaluations = _evaluations(ours, others)
     decoders = {record.method: record.decoder for record in (ours, *others) if record.decoder}
-    asked = checks(evaluations, ours.method, classes, shipped.bytes_, shipped.ms)
     return "\n\n".join(
         [
             _head(ours, shipped),
-            f"## Asked and measured\n\n{asked_table(asked)}",
+            f"## Asked and measured\n\n{asked}",
             _comparison(evaluations, decoders, ours.method),
             _classes(evaluations, classes, [ours.method, RETRIEVAL, ORACLE]),
             f"## Points\n\n{tables.by_count(evaluations, ours.method)}",
@@ -116,8 +113,10 @@ def markdown(ours: Record, others: Sequence[Record], shipped: Shipped, manifest:
     )
 
 
-def _shipped_first(ours: Record) -> list[Evaluation]:
-    return sorted(ours.evaluations, key=lambda found: found.method != ours.method)
+def _evaluations(ours: Record, others: Sequence[Record]) -> list[Evaluation]:
+    """All of them, the shipped model's first."""
+    first = sorted(ours.evaluations, key=lambda found: found.method != ours.method)
+    return [*first, *(found for record in others for found in record.evaluations)]
 
 
 def _head(ours: Record, shipped: Shipped) -> str:

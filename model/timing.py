@@ -11,13 +11,12 @@ import torch
 from torch import nn
 
 from model.baselines import Hof
+from model.evaluate import POINTS, draw
 from model.records import Decoder
 from model.train import load_network, load_predictor
 from service.encoder import Encoder
-from service.sampler import sample
 
 REPEATS: Final = 50
-POINTS: Final = 10_000
 
 
 def median_ms(call: Callable[[], object], repeats: int = REPEATS) -> float:
@@ -40,12 +39,7 @@ def mapping_decoder(encoder: Encoder) -> Decoder:
     """The mapping function, k times applied, as the service samples it."""
     spec = encoder.spec
     theta = encoder.encode(np.full((1, 3, encoder.framing.size, encoder.framing.size), 0.5, np.float32))[0]
-
-    def draw() -> None:
-        for _ in sample(spec, [theta] * spec.k, POINTS):
-            pass
-
-    return Decoder(spec.size, len(spec.hidden) + 1, median_ms(draw))
+    return Decoder(spec.size, len(spec.hidden) + 1, median_ms(lambda: draw(spec, theta)))
 
 
 def network_decoder(checkpoint: Path) -> Decoder:
