@@ -5,7 +5,6 @@ encoder gets the same rounded numbers before the two are compared.
 """
 
 import json
-import os
 import tempfile
 import warnings
 from dataclasses import asdict
@@ -19,6 +18,7 @@ from onnx import helper, numpy_helper
 from torch import nn
 
 from model.config import TrainConfig
+from model.files import whole_file
 from model.networks import ImageEncoder, power
 from service import mapping
 from service.canonical import canonical_points
@@ -53,9 +53,8 @@ def export(encoder: ImageEncoder, config: TrainConfig, card: dict[str, Any], out
     if max(differences.values()) > TOLERANCE:
         raise ValueError(f"torch, onnxruntime and NumPy disagree: {differences}, the limit is {TOLERANCE}")
     output.parent.mkdir(parents=True, exist_ok=True)
-    temporary = output.with_suffix(".tmp")
-    temporary.write_bytes(data)
-    os.replace(temporary, output)
+    with whole_file(output) as file:
+        file.write(data)
     return differences
 
 

@@ -20,6 +20,7 @@ from tqdm import tqdm
 
 from model.data.manifest import Entry
 from model.export import to_onnx
+from model.files import whole_file
 from service.encoder import open_session
 from service.images import Framing, frame, over_white
 
@@ -92,8 +93,6 @@ def training_bank(data: Path, entries: list[Entry], features: Features) -> Bank:
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         found = list(tqdm(threads.map(views, entries), total=len(entries), desc="features", unit="object"))
     bank = Bank(ids, np.stack(found))
-    temporary = path.with_suffix(".tmp")
-    with temporary.open("wb") as file:
+    with whole_file(path) as file:
         np.savez(file, ids=np.array(ids), size=FRAMING.size, features=bank.features.astype(np.float16))
-    os.replace(temporary, path)
     return bank

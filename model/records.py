@@ -1,7 +1,6 @@
 """Raw metrics of an evaluation as a small JSON file: how a trained method that is not shipped enters RESULTS.md."""
 
 import json
-import os
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -9,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from model.evaluate import Evaluation
+from model.files import whole_file
 
 DIGITS: Final = 5
 
@@ -59,9 +59,8 @@ class Record:
             ],
         }
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_suffix(".tmp")
-        temporary.write_text(_lines(fields) + "\n", encoding="utf-8")
-        os.replace(temporary, path)
+        with whole_file(path) as file:
+            file.write((_lines(fields) + "\n").encode())
 
     @classmethod
     def read(cls, path: Path) -> "Record":

@@ -20,6 +20,7 @@ from model.average import update_average
 from model.baselines import Hof, make_network
 from model.config import TrainConfig
 from model.data.dataset import Batch, Examples, draw_batch, load_examples, plain_images
+from model.files import whole_file
 from model.losses import chamfer, late_chamfer, projection
 from model.memory import keep_freed_memory
 from model.metrics import compare
@@ -149,8 +150,8 @@ class _State:
             **{key: getattr(self, key) for key in ("step", "elapsed_s", "before", "best")},
         }
         for path in paths:
-            torch.save(saved, path.with_suffix(".tmp"))
-            os.replace(path.with_suffix(".tmp"), path)
+            with whole_file(path) as file:
+                torch.save(saved, file)
 
 
 def load_network(checkpoint: Path) -> tuple[nn.Module, TrainConfig, dict[str, Any]]:

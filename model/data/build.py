@@ -1,7 +1,6 @@
 """Build a data set: render every mesh, drop duplicates, split, write the manifest."""
 
 import hashlib
-import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from model.data.manifest import Entry, Manifest, assign_splits
 from model.data.meshes import MeshRecord
 from model.data.render import render
 from model.data.workers import run_isolated
+from model.files import whole_file
 
 OBJECTS: Final = "objects"
 
@@ -74,7 +74,5 @@ def object_file(id_: str) -> str:
 def render_to_file(job: RenderJob) -> None:
     """Render one mesh and put the file in place, whole or not at all (runs in a worker process)."""
     rendered = render(job.record, job.seed)
-    temporary = job.target.with_suffix(".tmp")
-    with temporary.open("wb") as file:
+    with whole_file(job.target) as file:
         np.savez_compressed(file, **vars(rendered))
-    os.replace(temporary, job.target)

@@ -1,7 +1,6 @@
 """Free cameras and stretched shapes: further views of a built data set's objects, its manifest unchanged."""
 
 import math
-import os
 from collections.abc import Iterable
 from contextlib import closing
 from dataclasses import dataclass
@@ -19,6 +18,7 @@ from model.data.meshes import MeshRecord, load_parts
 from model.data.render import POINTS, shoot, stage, stretch
 from model.data.surface import sample_surface
 from model.data.workers import run_isolated
+from model.files import whole_file
 
 STRETCH: Final = 0.3  # largest natural logarithm of a factor along an axis
 DISTANCE: Final = (1.3, 6.0)  # longest sides, uniform in the logarithm: wide to long lenses
@@ -102,10 +102,8 @@ def render_variants(job: VariantsJob) -> None:
             scale = stretch_factors(parts, rng) if number else np.ones(3)
             points = scaled_points(parts, scale, rng) if number else base
             variant = _render(plotter, scale, points, free_cameras(job.views, job.train, rng), rng)
-            temporary = target.with_suffix(".tmp")
-            with temporary.open("wb") as file:
+            with whole_file(target) as file:
                 np.savez_compressed(file, **vars(variant))
-            os.replace(temporary, target)
 
 
 def _render(
