@@ -37,9 +37,13 @@ export async function listObjects(cursor, limit) {
   return (await call(`/objects?${query}`)).json();
 }
 
-/** All words over two objects, in lexicographic order. */
-export async function composeAll(first, second) {
-  const body = JSON.stringify({ objects: [first, second], mode: "all" });
+/** The body that asks for all words over two objects. */
+export function allWords(first, second) {
+  return JSON.stringify({ objects: [first.id, second.id], mode: "all" });
+}
+
+/** What a body of `allWords` asks for, in lexicographic order. */
+export async function compose(body) {
   const headers = { "Content-Type": "application/json" };
   return (await (await call("/compose", { method: "POST", headers, body })).json()).objects;
 }

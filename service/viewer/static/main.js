@@ -1,5 +1,5 @@
 // The page: a photo becomes an object, objects are shown, two of them are composed.
-import { composeAll } from "./api.js";
+import { allWords, compose } from "./api.js";
 import { showCurl } from "./curl.js";
 import { markCards, reloadGallery, startGallery } from "./gallery.js";
 import { onEncoded } from "./photo.js";
@@ -18,11 +18,11 @@ function open(object) {
   focusStage();
 }
 
-function compose(first, second) {
+function composeTwo(first, second) {
   return attempt(async () => {
-    const body = JSON.stringify({ objects: [first.id, second.id], mode: "all" });
+    const body = allWords(first, second);
     showCurl(galleryLine, `-H "Content-Type: application/json" -d '${body}'`, "/compose");
-    const objects = await composeAll(first.id, second.id);
+    const objects = await compose(body);
     const letters = { [first.id]: "A", [second.id]: "B" };
     const labels = objects.map((object) => object.word.map((id) => letters[id]).join(""));
     const about = `All words over A and B: ${labels[1]} is ${formula(labels[1])}, its last letter first.`;
@@ -38,7 +38,7 @@ function formula(word) {
   return `${[...word].join("(")}(x${")".repeat(word.length)}`;
 }
 
-startGallery({ open, compose });
+startGallery({ open, compose: composeTwo });
 onEncoded(async (object) => {
   await reloadGallery();
   show(object);
