@@ -34,7 +34,7 @@ class TrainConfig:
     late_from : share of the budget after which `late_chamfer` takes the place of the squared loss, on
         `late_points` and `late_target_points`; 1 is never.
     variants : draw from the stretched shapes too, not from the data set's own alone.
-    start : checkpoint whose weights the run starts from; None starts anew.
+    start : checkpoint whose weights the run starts from, for another spec those of its trunk; None starts anew.
     """
 
     spec: MappingSpec = field(default_factory=lambda: HOF_1.with_k(2))

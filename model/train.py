@@ -113,15 +113,18 @@ class _State:
 
     @classmethod
     def begin(cls, config: TrainConfig) -> "_State":
-        """A new run, from the weights of `config.start` if that is given."""
+        """A new run, from the weights of `config.start` if that is given; for another spec, from its trunk's."""
         state = cls(config)
         if config.start:
             network, started, state.before = load_network(Path(config.start))
-            for key in ("method", "spec", "encoder", "framing"):
+            for key in ("method", "encoder", "framing"):
                 if getattr(started, key) != getattr(config, key):
                     raise ValueError(f"{config.start} was trained with another {key}: {getattr(started, key)}")
-            state.network.load_state_dict(network.state_dict())
-            state.average.load_state_dict(network.state_dict())
+            weights = network.state_dict()
+            if started.spec != config.spec:
+                weights |= {name: own for name, own in state.network.state_dict().items() if ".head." in name}
+            state.network.load_state_dict(weights)
+            state.average.load_state_dict(weights)
         return state
 
     @classmethod
