@@ -11,7 +11,7 @@ from PIL import Image
 from torch import Tensor
 
 OVERSIZE: Final = 2  # stored crops have this many pixels per pixel of the encoder's input
-PLAIN_SHARE: Final = 0.5  # of the images stand on white, as the service's masked ones do
+PLAIN_SHARE: Final = 0.45  # of the images stand on white, as the service's masked ones do
 ZOOM: Final = (0.88, 1.1)
 LOOSE_ZOOM: Final = (0.6, 1.15)  # before a background: no mask tells where the object ends
 CUT_SHARE: Final = 0.04
@@ -25,12 +25,19 @@ PHOTOGRAPHS: Final = (
     "brick.png",
     "camera.png",
     "chelsea.png",
+    "clock_motion.png",
+    "coins.png",
     "grass.png",
     "gravel.png",
+    "hubble_deep_field.jpg",
+    "ihc.png",
     "motorcycle_left.png",
+    "page.png",
     "rocket.jpg",
 )  # not coffee.png: the demo's photo stays unseen
 PHOTOGRAPH_SCALES: Final = (1.2, 2.0, 4.0)  # of the shorter side, in sides of the frame
+GROUND_SHARES: Final = (0.15, 0.15, 0.2, 0.5)  # flat colour, gradient, texture, photographs
+COLLAGE_SHARE: Final = 0.5  # of the grounds of photographs: two that meet at a line, as wall and floor do
 TEXTURES: Final = 32
 TEXTURE_CONTRAST: Final = (0.03, 0.2)  # standard deviation
 
@@ -110,7 +117,7 @@ def _shadows(alpha: Tensor, rng: np.random.Generator) -> Tensor:
 
 def _backgrounds(count: int, side: int, rng: np.random.Generator) -> Tensor:
     """(count, 3, side, side): flat colours, gradients, textures of coloured noise, pieces of photographs."""
-    kind = rng.integers(4, size=count)
+    kind = rng.choice(len(GROUND_SHARES), size=count, p=GROUND_SHARES)
     first, second = _uniform(rng, 0, 1, (2, count, 3, 1, 1))
     angle = _uniform(rng, 0, 2 * np.pi, (count, 1, 1, 1))
     y, x = torch.linspace(-0.5, 0.5, side).view(1, 1, -1, 1), torch.linspace(-0.5, 0.5, side)
@@ -119,8 +126,24 @@ def _backgrounds(count: int, side: int, rng: np.random.Generator) -> Tensor:
     for index in np.flatnonzero(kind == 2):
         ground[index] += rng.uniform(*TEXTURE_CONTRAST) * _piece(_textures(side), side, rng)
     for index in np.flatnonzero(kind == 3):
-        ground[index] = _piece(_photographs(side), side, rng)
+        ground[index] = _photographed(side, rng)
     return ground.clamp_(0, 1)
+
+
+def _photographed(side: int, rng: np.random.Generator) -> Tensor:
+    """(3, side, side): a piece of a photograph or two of them, in colours that may not be its own."""
+    piece = _recoloured(_piece(_photographs(side), side, rng), rng)
+    if rng.random() < COLLAGE_SHARE:
+        line, edge = int(rng.integers(side)), int(rng.integers(1, 3))
+        other = _recoloured(_piece(_photographs(side), side, rng), rng)
+        piece.narrow(edge, 0, line).copy_(other.narrow(edge, 0, line))
+    return piece
+
+
+def _recoloured(piece: Tensor, rng: np.random.Generator) -> Tensor:
+    """Half of the pieces with their channels in another order, each lit by a colour of its own."""
+    order = rng.permutation(3).tolist() if rng.random() < 0.5 else [0, 1, 2]
+    return piece[order] * _uniform(rng, 0.5, 1.3, (3, 1, 1))
 
 
 def _noise(count: int, side: int, rng: np.random.Generator) -> Tensor:
