@@ -23,7 +23,7 @@ from service.images import Background, preprocess
 from service.mapping import Array, MappingSpec
 from service.matting import Matting
 from service.points import check_size
-from service.schemas import EncodeQuery, PointsQuery
+from service.queries import EncodeQuery, PointsQuery
 from service.settings import POINTS_CEILING, Settings
 from service.store import Store
 

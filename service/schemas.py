@@ -1,4 +1,4 @@
-"""What goes over the wire: query parameters in, JSON out. The schema and its limits come from here."""
+"""What goes out over the wire: the JSON of every answer."""
 
 import base64
 from dataclasses import asdict
@@ -6,114 +6,12 @@ from datetime import datetime
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 from pydantic.json_schema import SkipJsonSchema
 
-from service.canonical import Sampling
-from service.composition import Mode
-from service.formats.weights import WeightFormatName
-from service.images import Background, Framed, Mask
-from service.mapping import MAX_K, Activation, Array, Domain, MappingSpec, word_of
-from service.points import Cloud
-from service.sampler import SCALES
-from service.settings import POINTS_CEILING
+from service.images import Framed, Mask
+from service.mapping import Activation, Array, Domain, MappingSpec
 from service.store import Kind, Record
-
-PointFormatName = Literal["ply", "npy", "xyz", "json", "glb", "gltf", "pcd", "f32", "f16"]
-
-MAX_SEED = 2**63 - 1
-
-
-class NoQuery(BaseModel):
-    """The parameters of a call that takes none: any is an error."""
-
-    model_config = ConfigDict(extra="forbid")
-
-
-class EncodeQuery(NoQuery):
-    """How an image is encoded, and what comes back."""
-
-    store: bool = Field(default=True, description="keep the object; `false` returns its weights and keeps nothing")
-    background: Background = Field(
-        default="auto",
-        description="`auto` removes the background: by transparency, else by a uniform border, else by matting where "
-        "the service has a model for it, else not; `keep` takes the image as it is; `remove` insists: 422 where "
-        "nothing tells the background",
-    )
-    foreground_ratio: float | None = Field(
-        default=None,
-        ge=0.1,
-        le=1,
-        description="share of the encoder's input that the object's longer side takes; by default as in the model's "
-        "training, 0.85 for the shipped model",
-    )
-    include: Literal["weights"] | None = Field(default=None, description="add `weights` to the answer")
-    model: str | None = Field(default=None, max_length=200, description="name of a loaded model")
-
-
-class PageQuery(NoQuery):
-    """Which part of the list."""
-
-    limit: int = Field(default=50, ge=1, le=500, description="most items of the page")
-    cursor: str | None = Field(default=None, max_length=64, description="`next` of the page before")
-
-
-class PointsQuery(NoQuery):
-    """Which points of the object, and how they are written."""
-
-    n: int = Field(default=10_000, ge=1, le=POINTS_CEILING, description="how many points; JSON holds at most 100,000")
-    seed: int = Field(default=0, ge=0, le=MAX_SEED, description="seed of the canonical points")
-    offset: int = Field(
-        default=0,
-        ge=0,
-        le=2**53,
-        description="points to skip: n=10&offset=90 are the last ten of n=100 of the same seed",
-    )
-    scale: float = Field(
-        default=1.0,
-        ge=SCALES[0],
-        le=SCALES[1],
-        description="length of the longest side, in metres say; the object's own is 1",
-    )
-    sampling: Sampling = Field(
-        default="uniform",
-        description="`uniform` draws independent points; `sobol` covers the object more evenly, for offset + n up to "
-        "2^32",
-    )
-    format: PointFormatName | None = Field(
-        default=None, description="file format; wins over `Accept`; PLY where neither says"
-    )
-
-    def cloud(self, spec: MappingSpec, theta: Array) -> Cloud:
-        """The points that are asked for of an object, theta (size,) or (k, size). Raises InvalidParameter."""
-        return Cloud(spec, word_of(spec, theta), self.n, self.seed, self.offset, self.scale, self.sampling)
-
-
-class WeightsQuery(NoQuery):
-    """How theta is written."""
-
-    format: WeightFormatName = Field(
-        default="safetensors",
-        description="file format; `safetensors` carries the spec and can be posted to `/objects`; `onnx` is the whole "
-        "function, k included: x (n, input_dim) -> points (n, 3), float32",
-    )
-
-
-class Composition(NoQuery):
-    """What to make of which objects."""
-
-    objects: list[str] = Field(
-        min_length=1,
-        max_length=MAX_K,
-        description="ids of objects of one spec, none of them composed: k for `compose`, two or more for "
-        "`interpolate`, two for `all`",
-    )
-    mode: Mode = Field(
-        default="compose",
-        description="`compose` makes the word: of A, B the function f_A(f_B(x)), the last one applied first. `all` "
-        "makes the 2^k words over two objects, in lexicographic order: AA, AB, BA, BB. `interpolate` averages "
-        "theta; an object named twice weighs twice",
-    )
 
 
 class Spec(BaseModel):

@@ -20,7 +20,7 @@ from service.formats import POINT_FORMATS
 from service.formats.weights import load
 from service.mapping import Array, MappingSpec, initial_theta, power
 from service.points import FIRST_PART, PART, Cloud, Part
-from service.schemas import PointFormatName, PointsQuery
+from service.queries import PointFormatName, PointsQuery
 from service.settings import Settings
 
 

@@ -13,8 +13,9 @@ from service.composition import Proposal, check_values, propose
 from service.errors import InvalidInput, NotFound
 from service.ids import is_id
 from service.mapping import Array
+from service.queries import Composition, NoQuery
 from service.runtime import Ready, Runtime
-from service.schemas import ComposedObjects, Composition, NoQuery, Problem, StoredObject
+from service.schemas import ComposedObjects, Problem, StoredObject
 from service.store import Record
 from service.uploads import read_body
 

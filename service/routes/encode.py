@@ -12,8 +12,9 @@ from service.errors import InvalidParameter
 from service.ids import encoded_id
 from service.images import Framed, Framing, preprocess
 from service.mapping import Array
+from service.queries import EncodeQuery
 from service.runtime import Ready, Runtime
-from service.schemas import EncodedObject, EncodedWeights, EncodeQuery, ImageReport, Problem, Spec, base64_of
+from service.schemas import EncodedObject, EncodedWeights, ImageReport, Problem, Spec, base64_of
 from service.store import Record
 from service.uploads import read_image
 

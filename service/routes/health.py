@@ -7,8 +7,9 @@ from fastapi import APIRouter, Query
 from sqlalchemy.exc import SQLAlchemyError
 
 from service.errors import NotReady
+from service.queries import NoQuery
 from service.runtime import Ready
-from service.schemas import Health, Model, ModelFraming, NoQuery, Spec
+from service.schemas import Health, Model, ModelFraming, Spec
 
 router = APIRouter()
 

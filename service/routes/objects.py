@@ -14,8 +14,9 @@ from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
 from service.ids import imported_id, is_id
 from service.mapping import word_of
 from service.points import check_finite, check_size, gzipped, stream
+from service.queries import NoQuery, PageQuery, PointsQuery, WeightsQuery
 from service.runtime import Ready
-from service.schemas import NoQuery, ObjectPage, PageQuery, PointsQuery, Problem, StoredObject, WeightsQuery
+from service.schemas import ObjectPage, Problem, StoredObject
 from service.store import Record
 from service.uploads import read_body
 
