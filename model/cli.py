@@ -42,6 +42,12 @@ def _parser() -> argparse.ArgumentParser:
     _add_common(stage)
     stage.add_argument("--run", type=Path, default=RUN, dest="folder")
     stage.add_argument("-o", "--output", type=Path, default=SHIPPED)
+    stage = stages.add_parser("retrain", help="train and measure what the shipped model is compared with; resumable")
+    stage.set_defaults(run=_retrain)
+    _add_common(stage)
+    stage.add_argument("methods", nargs="*", metavar="METHOD", help="of model/retrain.py; default: all")
+    stage.add_argument("--steps", type=int, default=3_000, help="of each")
+    stage.add_argument("-o", "--output", type=Path, default=ROOT / "model" / "results", help="folder of the records")
     stage = stages.add_parser("results", help="evaluate the shipped weights, write RESULTS.md")
     stage.set_defaults(run=_results)
     _add_common(stage)
@@ -99,6 +105,7 @@ def _add_train(stage: argparse.ArgumentParser) -> None:
     _add_common(stage)
     stage.add_argument("--run", type=Path, default=RUN, dest="folder", help="where checkpoints, log and plot go")
     stage.add_argument("--minutes", type=float, default=64.0)
+    stage.add_argument("--steps", type=int, help="budget in steps, instead of minutes")
     stage.add_argument("--start", type=Path, help="checkpoint whose weights a new run starts from")
     stage.add_argument("--method", choices=("hof", "deepsdf", "foldingnet", "direct"), default="hof")
     stage.add_argument("--mapping", choices=("HOF-1", "HOF-3"), default="HOF-1")
@@ -183,6 +190,7 @@ def _train(arguments: argparse.Namespace) -> None:
         learning_rate=arguments.learning_rate,
         projection=arguments.projection,
         minutes=arguments.minutes,
+        steps=arguments.steps,
         method=arguments.method,
         late_from=arguments.late_from,
         late_points=arguments.late_points,
@@ -219,12 +227,19 @@ def _evaluate(arguments: argparse.Namespace) -> None:
         print(arguments.picture)
 
 
+def _retrain(arguments: argparse.Namespace) -> None:
+    from model.retrain import COMPARED, retrain
+
+    for name in arguments.methods or COMPARED:
+        print(retrain(name, arguments.data, "test", arguments.output, arguments.steps, arguments.seed))
+
+
 def _export(arguments: argparse.Namespace) -> None:
     from model.card import figures, make_card, page
+    from model.checkpoints import chosen_checkpoint, load_encoder
     from model.comparison import encoder_record, references
     from model.data.manifest import Manifest
     from model.export import export
-    from model.train import chosen_checkpoint, load_encoder
     from service.encoder import Encoder
 
     trained, config, run = load_encoder(chosen_checkpoint(arguments.folder))

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from model.ceiling import fit
+from model.checkpoints import chosen_checkpoint, load_network, load_predictor
 from model.data.manifest import Split
 from model.evaluate import POINTS, Case, Evaluation, cases, draw, encoder_answer, measure, measure_objects
 from model.metrics import compare, floor
@@ -16,7 +17,6 @@ from model.provenance import provenance
 from model.records import Decoder, Record
 from model.reference import Retrieval, Training
 from model.timing import mapping_decoder, network_decoder
-from model.train import chosen_checkpoint, load_network, load_predictor
 from service.encoder import Encoder
 from service.images import preprocess
 

@@ -31,6 +31,7 @@ class TrainConfig:
         (`model.baselines`). Of `spec`, a decoder uses the canonical domain only.
     points, target_points : predicted and true points per object in the loss.
     minutes : budget; the learning rate falls to 0 over it along a cosine.
+    steps : budget in steps instead, for methods that are compared.
     late_from : share of the budget after which `late_chamfer` takes the place of the squared loss, on
         `late_points` and `late_target_points`; 1 is never.
     variants : draw from the stretched shapes too, not from the data set's own alone.
@@ -50,6 +51,7 @@ class TrainConfig:
     gradient_clip: float = 1.0
     projection: float = 0.0  # lambda of the projection regularisation (paper, eq. 6)
     minutes: float = 70.0
+    steps: int | None = None
     late_from: float = 1.0
     late_points: int = 1_536
     late_target_points: int = 3_000

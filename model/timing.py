@@ -11,9 +11,9 @@ import torch
 from torch import nn
 
 from model.baselines import Hof
+from model.checkpoints import load_network, load_predictor
 from model.evaluate import POINTS, draw
 from model.records import Decoder
-from model.train import load_network, load_predictor
 from service.encoder import Encoder
 
 REPEATS: Final = 50

@@ -4,31 +4,26 @@ import copy
 import json
 import os
 import time
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from torch import Tensor, nn
 from tqdm import tqdm
 
 from model.average import update_average
-from model.baselines import Hof, make_network
+from model.baselines import make_network
+from model.checkpoints import chosen_checkpoint, load_network
 from model.config import TrainConfig
 from model.data.dataset import Batch, Examples, draw_batch, load_examples, plain_images
 from model.files import whole_file
 from model.losses import chamfer, late_chamfer, projection
 from model.memory import keep_freed_memory
 from model.metrics import compare
-from model.networks import ImageEncoder
 from service.canonical import canonical_points
-
-Floats = npt.NDArray[np.float32]
-Predictor = Callable[[Floats, int, int], Floats]
 
 CHECKPOINT_EVERY_S: Final = 600.0
 LOG_EVERY: Final = 50  # steps
@@ -37,11 +32,10 @@ LATE_SCALE: Final = 0.125  # its gradient becomes as large as the squared loss's
 VALIDATION_VIEWS: Final = (1, 13)  # of 24: from the front, a little to the side, and from behind
 VALIDATION_POINTS: Final = 2_000  # predicted
 VALIDATION_TARGET_POINTS: Final = 4_000
-CHUNK: Final = 10_000  # points that a predictor computes at once
 
 
 def train(data: Path, run: Path, config: TrainConfig) -> Path:
-    """Train within the budget of `config.minutes` and return the path of the chosen checkpoint.
+    """Train within the budget of `config.minutes` or `config.steps` and return the path of the chosen checkpoint.
 
     A run folder that holds a checkpoint is resumed with the config stored there; the batches go on where
     they stopped, since each is a function of (seed, step) alone.
@@ -56,36 +50,29 @@ def train(data: Path, run: Path, config: TrainConfig) -> Path:
     state = _State.resume(run) if (run / "last.pt").exists() else _State.begin(config)
     examples = load_examples(data, "train", state.config.framing, variants=state.config.variants)
     validation = load_examples(data, "val", state.config.framing, variants=False)
-    budget_s = state.config.minutes * 60
     with (
         ThreadPoolExecutor(os.cpu_count()) as threads,
         ThreadPoolExecutor(1) as loader,
         (run / "log.jsonl").open("a", encoding="utf-8") as log,
-        tqdm(total=round(budget_s), initial=round(state.elapsed_s), unit="s", desc="train") as bar,
+        tqdm(total=1_000, initial=round(1_000 * state.progress), unit=" thousandths", desc="train") as bar,
     ):
         started, saved = time.monotonic() - state.elapsed_s, time.monotonic()
-        coming = loader.submit(draw_batch, examples, _sizes(state.config, state.elapsed_s / budget_s), state.step)
+        coming = loader.submit(draw_batch, examples, _sizes(state.config, state.progress), state.step)
         losses: list[float] = []
-        while state.elapsed_s < budget_s:
-            batch, progress = coming.result(), state.elapsed_s / budget_s
+        while state.progress < 1:
+            batch, progress = coming.result(), state.progress
             coming = loader.submit(draw_batch, examples, _sizes(state.config, progress), state.step + 1)
             losses.append(_step(state, batch, progress, threads))
             state.elapsed_s = time.monotonic() - started
             if state.step % LOG_EVERY == 0:
                 _log(log, bar, state, {"loss": sum(losses) / len(losses)})
                 losses.clear()
-            if time.monotonic() - saved > CHECKPOINT_EVERY_S or state.elapsed_s >= budget_s:
+            if time.monotonic() - saved > CHECKPOINT_EVERY_S or state.progress >= 1:
                 figures = validate(state.average, state.config, validation)
                 _log(log, bar, state, figures)
                 state.save(run, figures["f@1%"] + figures["f@2%"])
                 saved = time.monotonic()
     return chosen_checkpoint(run)
-
-
-def chosen_checkpoint(run: Path) -> Path:
-    """A run's checkpoint that was best on the validation split (F@1% and F@2%), or its last where none was chosen."""
-    best = run / "best.pt"
-    return best if best.exists() else run / "last.pt"
 
 
 class _State:
@@ -110,6 +97,13 @@ class _State:
         self.optimizer = torch.optim.AdamW(
             self.network.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay, fused=True
         )
+
+    @property
+    def progress(self) -> float:
+        """Share of the run's budget that is spent."""
+        if self.config.steps is not None:
+            return self.step / self.config.steps
+        return self.elapsed_s / (60 * self.config.minutes)
 
     @classmethod
     def begin(cls, config: TrainConfig) -> "_State":
@@ -155,68 +149,6 @@ class _State:
         for path in paths:
             with whole_file(path) as file:
                 torch.save(saved, file)
-
-
-def load_network(checkpoint: Path) -> tuple[nn.Module, TrainConfig, dict[str, Any]]:
-    """The averaged network of a checkpoint in evaluation mode, its config, and `step` and `elapsed_s`.
-
-    These two count what the runs before it took that it started from. A checkpoint of version 0.1 has no
-    average: its weights are taken as they are.
-
-    Raises
-    ------
-    FileNotFoundError : no such checkpoint.
-    """
-    saved = torch.load(checkpoint, weights_only=True)
-    config = TrainConfig.from_dict(saved["config"])
-    network = make_network(config)
-    if "average" in saved:
-        network.load_state_dict(saved["average"])
-    else:
-        network.load_state_dict({f"encoder.{name}": value for name, value in saved["encoder"].items()})
-    before = saved.get("before", {"step": 0, "elapsed_s": 0.0})
-    return network.eval(), config, {key: before[key] + saved[key] for key in ("step", "elapsed_s")}
-
-
-def load_encoder(checkpoint: Path) -> tuple[ImageEncoder, TrainConfig, dict[str, Any]]:
-    """The image encoder of a HOF checkpoint; the rest as `load_network` has it.
-
-    Raises
-    ------
-    FileNotFoundError : no such checkpoint.
-    ValueError : the checkpoint is of a method that has no theta.
-    """
-    network, config, run = load_network(checkpoint)
-    if not isinstance(network, Hof):
-        raise ValueError(  # noqa: TRY004 - a file of the wrong kind, not an argument of the wrong type
-            f"{checkpoint} is a {config.method} network: only hof has an encoder to export"
-        )
-    return network.encoder, config, run
-
-
-def load_predictor(checkpoint: Path) -> Predictor:
-    """(images (b, 3, s, s) in [0, 1], n, seed) -> points (b, n, 3), all float32: any method alike.
-
-    `direct` has 1,024 points of its own: it answers them in a seeded order, repeated where n is larger.
-
-    Raises
-    ------
-    FileNotFoundError : no such checkpoint.
-    """
-    network, config, _ = load_network(checkpoint)
-
-    @torch.no_grad()
-    def predict(images: Floats, n: int, seed: int) -> Floats:
-        batch = torch.from_numpy(images).contiguous(memory_format=torch.channels_last)
-        canonical = torch.from_numpy(canonical_points(config.spec.domain, n, seed)).expand(len(images), -1, -1)
-        if config.method == "direct":
-            own: Floats = network(batch, canonical).numpy()
-            return own[:, np.resize(np.random.default_rng(seed).permutation(own.shape[1]), n)]
-        chunks = [network(batch, canonical[:, start : start + CHUNK]) for start in range(0, n, CHUNK)]
-        points: Floats = torch.cat(chunks, dim=1).numpy()
-        return points
-
-    return predict
 
 
 def _sizes(config: TrainConfig, progress: float) -> TrainConfig:
@@ -274,7 +206,7 @@ def _log(log: Any, bar: Any, state: _State, figures: dict[str, float]) -> None: 
     log.write(json.dumps({"step": state.step, "elapsed_s": round(state.elapsed_s, 1), **figures}) + "\n")
     log.flush()
     bar.set_postfix({"step": state.step, **{key: f"{value:.4f}" for key, value in figures.items()}}, refresh=False)
-    bar.update(round(state.elapsed_s) - bar.n)
+    bar.update(min(1_000, round(1_000 * state.progress)) - bar.n)
 
 
 def plot_losses(run: Path, output: Path) -> None:

@@ -12,13 +12,14 @@ from shapes import write_folder
 
 from model import cli
 from model.baselines import make_network
+from model.checkpoints import chosen_checkpoint, load_encoder, load_predictor
 from model.config import EncoderConfig, TrainConfig
 from model.data.build import build
 from model.data.meshes import folder_records
 from model.evaluate import predict
 from model.export import TOLERANCE, export, parity
 from model.losses import chamfer
-from model.train import chosen_checkpoint, load_encoder, load_predictor, train
+from model.train import train
 from service.encoder import Encoder
 from service.images import Framing
 from service.mapping import MappingSpec

@@ -1,0 +1,88 @@
+"""Read a run's checkpoints: the network, the encoder alone, or any method as a function of images."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch import nn
+
+from model.baselines import Hof, make_network
+from model.config import TrainConfig
+from model.networks import ImageEncoder
+from service.canonical import canonical_points
+
+Floats = npt.NDArray[np.float32]
+Predictor = Callable[[Floats, int, int], Floats]
+
+CHUNK: Final = 10_000  # points that a predictor computes at once
+
+
+def chosen_checkpoint(run: Path) -> Path:
+    """A run's checkpoint that was best on the validation split (F@1% and F@2%), or its last where none was chosen."""
+    best = run / "best.pt"
+    return best if best.exists() else run / "last.pt"
+
+
+def load_network(checkpoint: Path) -> tuple[nn.Module, TrainConfig, dict[str, Any]]:
+    """The averaged network of a checkpoint in evaluation mode, its config, and `step` and `elapsed_s`.
+
+    These two count what the runs before it took that it started from. A checkpoint of version 0.1 has no
+    average: its weights are taken as they are.
+
+    Raises
+    ------
+    FileNotFoundError : no such checkpoint.
+    """
+    saved = torch.load(checkpoint, weights_only=True)
+    config = TrainConfig.from_dict(saved["config"])
+    network = make_network(config)
+    if "average" in saved:
+        network.load_state_dict(saved["average"])
+    else:
+        network.load_state_dict({f"encoder.{name}": value for name, value in saved["encoder"].items()})
+    before = saved.get("before", {"step": 0, "elapsed_s": 0.0})
+    return network.eval(), config, {key: before[key] + saved[key] for key in ("step", "elapsed_s")}
+
+
+def load_encoder(checkpoint: Path) -> tuple[ImageEncoder, TrainConfig, dict[str, Any]]:
+    """The image encoder of a HOF checkpoint; the rest as `load_network` has it.
+
+    Raises
+    ------
+    FileNotFoundError : no such checkpoint.
+    ValueError : the checkpoint is of a method that has no theta.
+    """
+    network, config, run = load_network(checkpoint)
+    if not isinstance(network, Hof):
+        raise ValueError(  # noqa: TRY004 - a file of the wrong kind, not an argument of the wrong type
+            f"{checkpoint} is a {config.method} network: only hof has an encoder to export"
+        )
+    return network.encoder, config, run
+
+
+def load_predictor(checkpoint: Path) -> Predictor:
+    """(images (b, 3, s, s) in [0, 1], n, seed) -> points (b, n, 3), all float32: any method alike.
+
+    `direct` has 1,024 points of its own: it answers them in a seeded order, repeated where n is larger.
+
+    Raises
+    ------
+    FileNotFoundError : no such checkpoint.
+    """
+    network, config, _ = load_network(checkpoint)
+
+    @torch.no_grad()
+    def predict(images: Floats, n: int, seed: int) -> Floats:
+        batch = torch.from_numpy(images).contiguous(memory_format=torch.channels_last)
+        canonical = torch.from_numpy(canonical_points(config.spec.domain, n, seed)).expand(len(images), -1, -1)
+        if config.method == "direct":
+            own: Floats = network(batch, canonical).numpy()
+            return own[:, np.resize(np.random.default_rng(seed).permutation(own.shape[1]), n)]
+        chunks = [network(batch, canonical[:, start : start + CHUNK]) for start in range(0, n, CHUNK)]
+        points: Floats = torch.cat(chunks, dim=1).numpy()
+        return points
+
+    return predict

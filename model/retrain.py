@@ -1,0 +1,39 @@
+"""Train and measure what the shipped model is compared with: one data set, split, trunk and number of steps."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+from model.comparison import run_record
+from model.config import TrainConfig
+from model.data.manifest import Split
+from model.train import train
+from service.mapping import HOF_1, HOF_3
+
+RUNS: Final = Path("runs/compared")
+SAME: Final = TrainConfig(variants=True, late_from=0.5, late_points=1_024, late_target_points=4_000)
+COMPARED: Final = {
+    "hof1-k1": replace(SAME, spec=HOF_1),
+    "hof1-k2": SAME,
+    "hof3-k1": replace(SAME, spec=HOF_3),
+    "deepsdf": replace(SAME, method="deepsdf", spec=HOF_1),
+    "foldingnet": replace(SAME, method="foldingnet", spec=replace(HOF_1, domain="cube")),
+    "direct": replace(SAME, method="direct", spec=HOF_1),
+}
+
+
+def retrain(name: str, data: Path, split: Split, output: Path, steps: int, seed: int) -> Path:
+    """Train one of COMPARED in RUNS, or go on where it was stopped, and write its record; returns the record's path.
+
+    Raises
+    ------
+    FileNotFoundError : `data` holds no finished data set with its variants.
+    ValueError : no such method.
+    """
+    if name not in COMPARED:
+        raise ValueError(f"there is no method {name} to compare with: choose of {', '.join(COMPARED)}")
+    run = RUNS / f"{name}-{steps}"
+    train(data, run, replace(COMPARED[name], steps=steps, seed=seed))
+    path = output / f"compared-{name}.json"
+    run_record(run, f"{name}, {steps:,} steps", data, split, seed).write(path)
+    return path
