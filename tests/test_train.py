@@ -19,6 +19,8 @@ from model.data.meshes import folder_records
 from model.evaluate import predict
 from model.export import TOLERANCE, export, parity
 from model.losses import chamfer
+from model.records import Record
+from model.retrain import COMPARED
 from model.train import train
 from service.encoder import Encoder
 from service.images import Framing
@@ -281,3 +283,13 @@ def test_a_stage_without_its_input_says_so(stage: str, capsys: pytest.CaptureFix
     message = capsys.readouterr().err
     assert message.startswith("hof-model: ")
     assert len(message.splitlines()) == 1
+
+
+def test_a_compared_method_takes_its_steps_and_enters_the_tables(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)  # runs go below the working folder
+    monkeypatch.setitem(COMPARED, "small", replace(CONFIG, method="direct"))
+    assert cli.main(["retrain", "small", "--steps", "3", "--data", str(data), "-o", str(tmp_path)]) == 0
+    record = Record.read(tmp_path / "compared-small.json")
+    assert (record.method, record.made["training"]["steps"]) == ("small, 3 steps", 3)
