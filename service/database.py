@@ -7,6 +7,7 @@ from typing import Any, Final
 from sqlalchemy import (
     BigInteger,
     Column,
+    Connection,
     DateTime,
     ForeignKey,
     Index,
@@ -102,14 +103,18 @@ async def check(url: str) -> None:
     engine = await connect(url)
     try:
         if engine.dialect.name == "sqlite":
-            async with engine.connect() as connection:
-                told = (await connection.exec_driver_sql("PRAGMA quick_check(1)")).scalar_one()
-            if told != "ok":
-                raise UnusableStore(f"{told.splitlines()[-1]}; {REMEDIES[sqlite3.SQLITE_CORRUPT]}")
+            async with engine.begin() as connection:
+                await connection.run_sync(_check_file)
     except Exception as error:
         raise _unusable(_parse(url), error) from error
     finally:
         await engine.dispose()
+
+
+def _check_file(connection: Connection) -> None:
+    told = connection.exec_driver_sql("PRAGMA quick_check(1)").scalar_one()
+    if told != "ok":
+        raise UnusableStore(f"{told.splitlines()[-1]}; {REMEDIES[sqlite3.SQLITE_CORRUPT]}")
 
 
 def is_full(error: DBAPIError) -> bool:

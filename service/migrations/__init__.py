@@ -61,12 +61,11 @@ def _is_first_release(connection: Connection) -> bool:
     """Whether the first release's tables are there; False in an empty database. Refuses other tables of those names."""
     inspector = inspect(connection)
     there = [table for table in FIRST_COLUMNS if inspector.has_table(table)]
-    for table in there:
-        wrong = {column["name"] for column in inspector.get_columns(table)} ^ FIRST_COLUMNS[table]
+    for table in FIRST_COLUMNS if there else ():
+        found = {column["name"] for column in inspector.get_columns(table)} if table in there else set()
+        wrong = sorted(found ^ FIRST_COLUMNS[table])
         if wrong:
             raise UnusableStore(
-                f"its table {table!r} is none of hof's (it differs in {', '.join(sorted(wrong))}); name another database"
+                f"its table {table!r} is none of hof's (it differs in {', '.join(wrong)}); name another database"
             )
-    if there and len(there) < len(FIRST_COLUMNS):
-        raise UnusableStore(f"it has the table {there[0]!r} but not all of hof's; name another database")
     return bool(there)
