@@ -17,6 +17,7 @@ from sqlalchemy import (
     String,
     Table,
     Text,
+    create_engine,
     event,
     make_url,
 )
@@ -147,6 +148,8 @@ def _engine(url: URL) -> AsyncEngine:
         return create_async_engine(url, pool_pre_ping=True, connect_args=ASYNCPG if is_asyncpg else {})
     if url.database:
         Path(url.database).parent.mkdir(parents=True, exist_ok=True)
+    # Where this fails, aiosqlite would leave a thread behind that fails once more.
+    create_engine(url.set(drivername="sqlite")).connect().close()
     engine = create_async_engine(url)
     event.listen(engine.sync_engine, "connect", _configure_sqlite)
     return engine

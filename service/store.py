@@ -178,7 +178,7 @@ class Store:
                 yield connection
         except DBAPIError as error:
             if is_full(error):
-                raise StoreFull("the store has no space left; what was sent is not kept") from error
+                raise StoreFull("the store has no space left; nothing of this call is kept") from error
             raise
 
     async def _check_word(self, record: Record) -> None:

@@ -38,6 +38,7 @@ RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
         "description": "A word of the wrong length, objects of different specs, a composed object among them; "
         "`errors` tells which",
     },
+    507: {"model": Problem, "description": "The store has no space left; no object of the call is kept"},
 }
 
 
