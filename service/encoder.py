@@ -105,8 +105,7 @@ def _check_format(metadata: dict[str, str]) -> None:
     told = metadata.get("hof.format", str(FORMAT))
     if told != str(FORMAT):
         raise InvalidModel(
-            f"it is of format {told[:20]}, this version of hof reads {FORMAT}: install a newer hof, or export the model "
-            "with this one"
+            f"it is of format {told[:20]}, this version of hof reads {FORMAT}: install a newer hof, or export it anew"
         )
 
 

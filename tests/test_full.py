@@ -2,10 +2,11 @@
 
 import os
 import resource
+import shutil
 import sqlite3
 import subprocess
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from itertools import count
 from pathlib import Path
 
@@ -20,13 +21,13 @@ from service.mapping import HOF_1, initial_theta
 SPEC = HOF_1.with_k(2)
 NAMESPACE = ["unshare", "--mount"] if os.geteuid() == 0 else ["unshare", "--map-root-user", "--mount"]
 MOUNT = 'mount -t tmpfs -o size=1m tmpfs "$0" && exec "$@"'
-Grow = Callable[[], None]
+Grow = Callable[[], object]
+Limit = Callable[[Path, Path], AbstractContextManager[tuple[Served, Path, Grow]]]
 
 
 @contextmanager
 def _small_file_system(folder: Path, model: Path) -> Iterator[tuple[Served, Path, Grow]]:
     """A service whose database lies on a file system of 1 MiB, half of it taken; growing frees that half."""
-    folder.mkdir()
     mount = [*NAMESPACE, "sh", "-c", MOUNT, str(folder)]
     with serving(f"sqlite:///{folder}/hof.db", *mount, model=model) as served:
         seen = Path(f"/proc/{served.process.pid}/root{folder}")
@@ -63,10 +64,8 @@ def _assert_full(answer: httpx.Response) -> None:
 
 
 @pytest.mark.parametrize("limit", LIMITS)
-def test_a_full_disk_is_507_and_the_service_works_on(
-    limit: Callable[..., object], tmp_path: Path, model_path: Path
-) -> None:
-    with limit(tmp_path / "small" if limit is _small_file_system else tmp_path, model_path) as (served, database, grow):
+def test_a_full_disk_is_507_and_the_service_works_on(limit: Limit, tmp_path: Path, model_path: Path) -> None:
+    with limit(tmp_path, model_path) as (served, database, grow):
         with httpx.Client(base_url=served.url, timeout=60) as client:
             kept = []
             for seed in count():
@@ -87,16 +86,18 @@ def test_a_full_disk_is_507_and_the_service_works_on(
             assert again.status_code == 201
             both = {"objects": [kept[0], again.json()["id"]], "mode": "all"}
             assert client.post("/compose", json=both).status_code == 201
-        connection = sqlite3.connect(database)
+        for suffix in ("", "-wal"):
+            shutil.copy(f"{database}{suffix}", tmp_path / f"copy.db{suffix}")  # SQLite would not look into a namespace
+        connection = sqlite3.connect(tmp_path / "copy.db")
         assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
         assert connection.execute("SELECT count(*) FROM objects").fetchone() == (len(kept) + 1 + 4,)
         connection.close()
 
 
 FULL = """
-CREATE FUNCTION full() RETURNS trigger LANGUAGE plpgsql AS
+CREATE FUNCTION disk_full() RETURNS trigger LANGUAGE plpgsql AS
     $$BEGIN RAISE EXCEPTION 'could not extend file' USING ERRCODE = 'disk_full'; END$$;
-CREATE TRIGGER full BEFORE INSERT ON uses EXECUTE FUNCTION full();
+CREATE TRIGGER disk_full BEFORE INSERT ON uses EXECUTE FUNCTION disk_full();
 """
 
 
@@ -109,5 +110,5 @@ def test_postgresqls_full_disk_is_507_and_no_word_is_kept(
     postgres.run(FULL, name)
     _assert_full(client.post("/compose", json={"objects": ids, "mode": "all"}))
     assert len(client.get("/objects").json()["items"]) == 2
-    postgres.run("DROP TRIGGER full ON uses", name)
+    postgres.run("DROP TRIGGER disk_full ON uses", name)
     assert client.post("/compose", json={"objects": ids, "mode": "all"}).status_code == 201
