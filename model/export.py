@@ -22,7 +22,7 @@ from model.files import whole_file
 from model.networks import ImageEncoder, power
 from service import mapping
 from service.canonical import canonical_points
-from service.encoder import Encoder
+from service.encoder import FORMAT, Encoder
 from service.sampler import Sampler
 
 OPSET: Final = 17
@@ -44,7 +44,12 @@ def export(encoder: ImageEncoder, config: TrainConfig, card: dict[str, Any], out
     """
     _round_matrices(encoder)
     graph = _halve(to_onnx(encoder, config.framing.size, "theta"))
-    metadata = {"hof.spec": config.spec.to_json(), "hof.framing": asdict(config.framing), "hof.card": card}
+    metadata = {
+        "hof.format": str(FORMAT),
+        "hof.spec": config.spec.to_json(),
+        "hof.framing": asdict(config.framing),
+        "hof.card": card,
+    }
     for key, value in metadata.items():
         entry = graph.metadata_props.add()
         entry.key, entry.value = key, value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)

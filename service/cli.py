@@ -13,7 +13,7 @@ from typing import Any, Final, get_args
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
-from service import __version__
+from service import __version__, database
 from service.composition import Member, check
 from service.encoder import Encoder
 from service.errors import HofError, InvalidParameter
@@ -25,7 +25,6 @@ from service.matting import Matting
 from service.points import check_size
 from service.queries import EncodeQuery, PointsQuery
 from service.settings import POINTS_CEILING, Settings
-from service.store import Store
 
 FAILED: Final = 2
 
@@ -126,22 +125,15 @@ def _given(arguments: argparse.Namespace, model: type[BaseModel]) -> dict[str, A
 
 def _serve(arguments: argparse.Namespace) -> None:
     """Serve the API. Each flag has an environment variable, in brackets."""
-    import uvicorn  # not needed by the other commands, which should start fast
-
-    from service.app import create_app
+    from service.app import create_app  # not needed by the other commands, which should start fast
+    from service.server import serve
 
     settings = _settings(arguments)
     # What the server could not start with ends here in one line, not in its traceback.
     Encoder.open(settings.model, settings.threads)
     Matting.of(settings.matting_model, settings.threads)
-    asyncio.run(_check_store(settings.database_url))
-    app = create_app(settings)
-    uvicorn.run(app, host=settings.host, port=settings.port, log_level=settings.log_level, lifespan="on", ws="none")
-
-
-async def _check_store(url: str) -> None:
-    store = await Store.open(url)
-    await store.close()
+    asyncio.run(database.check(settings.database_url))
+    serve(create_app(settings), settings)
 
 
 def _encode(arguments: argparse.Namespace) -> None:

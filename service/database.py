@@ -1,7 +1,8 @@
 """The database of objects: its tables, and how it is opened. SQLite by default, PostgreSQL by URL."""
 
+import sqlite3
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from sqlalchemy import (
     BigInteger,
@@ -16,20 +17,38 @@ from sqlalchemy import (
     String,
     Table,
     Text,
+    create_engine,
     event,
-    inspect,
     make_url,
 )
 from sqlalchemy.engine import URL
 from sqlalchemy.engine.interfaces import DBAPIConnection
-from sqlalchemy.exc import ArgumentError
+from sqlalchemy.exc import ArgumentError, DBAPIError
 from sqlalchemy.ext.asyncio import AsyncEngine, create_async_engine
-from sqlalchemy.schema import CreateIndex, CreateTable
 
 from service.errors import UnusableStore
+from service.migrations import migrate
 
 ASYNC_DRIVERS: Final = {"sqlite": "sqlite+aiosqlite", "postgresql": "postgresql+asyncpg"}
 BUSY_TIMEOUT_MS: Final = 10_000
+# Statements without a name and without a cache: behind PgBouncer the next transaction may have another connection.
+ASYNCPG: Final[dict[str, Any]] = {
+    "statement_cache_size": 0,
+    "prepared_statement_cache_size": 0,
+    "prepared_statement_name_func": lambda: "",
+}
+
+# What SQLite reports, by its primary result code, and what helps.
+REMEDIES: Final = {
+    sqlite3.SQLITE_NOTADB: "name another file, or restore a backup",
+    sqlite3.SQLITE_CORRUPT: "restore a backup, or rescue what can be read with `sqlite3 OLD .recover | sqlite3 NEW`",
+    sqlite3.SQLITE_READONLY: "hof must be able to write the file and its folder",
+    sqlite3.SQLITE_CANTOPEN: "name a file in a folder that hof can write",
+    sqlite3.SQLITE_FULL: "free some space",
+}
+# SQLite, to which a quota is an error of input and output, and PostgreSQL (disk_full).
+FULL_SQLITE: Final = {sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR_WRITE, sqlite3.SQLITE_IOERR_SHMSIZE}
+FULL_SQLSTATE: Final = "53100"
 
 METADATA: Final = MetaData()
 objects: Final = Table(
@@ -44,6 +63,8 @@ objects: Final = Table(
     Column("spec", Text, nullable=False),
     Column("members", Text, nullable=False),  # ids of what it was made from, in order, a space between two
     Column("theta", LargeBinary),  # a composed object has none: its word is in `members`
+    Column("color", LargeBinary, nullable=True),
+    Column("color_spec", Text, nullable=True),
     sqlite_autoincrement=True,  # never reuses the seq of a deleted object: cursors stay true
 )
 # Each object that a word names, once: it is here that the database refuses to delete it, or to name one that is gone.
@@ -57,64 +78,78 @@ uses: Final = Table(
 
 
 async def connect(url: str) -> AsyncEngine:
-    """Open `sqlite:///PATH` or `postgresql://...`; make the file and the tables where missing.
+    """Open `sqlite:///PATH` or `postgresql://...`; make the file and the tables where missing, migrate older ones.
 
     Raises
     ------
-    UnusableStore : the URL is none, its driver is missing, the database does not answer or refuses, or its
-        tables are of another version.
+    UnusableStore : the URL is none, its driver is missing, the database does not answer or refuses, or a newer
+        version made it. The message says what to do.
     """
+    parsed = _parse(url)
     try:
-        parsed = make_url(url)
-    except ArgumentError as error:
-        raise UnusableStore("the database URL is none: sqlite:///PATH or postgresql://... is expected") from error
-    try:
-        return await _engine_with_tables(parsed)
+        engine = _engine(parsed.set(drivername=ASYNC_DRIVERS.get(parsed.drivername, parsed.drivername)))
+        try:
+            async with engine.begin() as connection:
+                await connection.run_sync(migrate)
+        except BaseException:
+            await engine.dispose()
+            raise
     except Exception as error:  # each driver has classes of its own
-        shown = parsed.render_as_string(hide_password=True)
-        raise UnusableStore(f"cannot open the database {shown}: {_first_line(error)}") from error
-
-
-async def _engine_with_tables(url: URL) -> AsyncEngine:
-    engine = _engine(url.set(drivername=ASYNC_DRIVERS.get(url.drivername, url.drivername)))
-    try:
-        async with engine.begin() as connection:
-            await connection.run_sync(_check_tables)
-            for table in METADATA.sorted_tables:
-                await connection.execute(CreateTable(table, if_not_exists=True))
-                for index in table.indexes:
-                    await connection.execute(CreateIndex(index, if_not_exists=True))
-    except BaseException:
-        await engine.dispose()
-        raise
+        raise _unusable(parsed, error) from error
     return engine
 
 
-def _check_tables(connection: Connection) -> None:
-    """Refuse tables of other columns, before anything is written."""
-    inspector = inspect(connection)
-    for table in METADATA.sorted_tables:
-        if inspector.has_table(table.name):
-            found = {column["name"] for column in inspector.get_columns(table.name)}
-            wrong = sorted(found ^ set(table.columns.keys()))
-            if wrong:
-                raise UnusableStore(
-                    f"its table {table.name!r} was made by another version of hof (it differs in {', '.join(wrong)}); "
-                    "name another database, or start the version that made it"
-                )
+async def check(url: str) -> None:
+    """Open a database as `connect` does, read all of it where it is a file, close it. Raises UnusableStore."""
+    engine = await connect(url)
+    try:
+        if engine.dialect.name == "sqlite":
+            async with engine.begin() as connection:
+                await connection.run_sync(_check_file)
+    except Exception as error:
+        raise _unusable(_parse(url), error) from error
+    finally:
+        await engine.dispose()
 
 
-def _first_line(error: Exception) -> str:
-    """What a driver says, without the pages that SQLAlchemy adds."""
+def _check_file(connection: Connection) -> None:
+    told = connection.exec_driver_sql("PRAGMA quick_check(1)").scalar_one()
+    if told != "ok":
+        raise UnusableStore(f"{told.splitlines()[-1]}; {REMEDIES[sqlite3.SQLITE_CORRUPT]}")
+
+
+def is_full(error: DBAPIError) -> bool:
+    """Whether a write failed for want of space."""
+    return (
+        getattr(error.orig, "sqlite_errorcode", None) in FULL_SQLITE
+        or getattr(error.orig, "sqlstate", None) == FULL_SQLSTATE
+    )
+
+
+def _parse(url: str) -> URL:
+    try:
+        return make_url(url)
+    except ArgumentError as error:
+        raise UnusableStore("the database URL is none: sqlite:///PATH or postgresql://... is expected") from error
+
+
+def _unusable(url: URL, error: Exception) -> UnusableStore:
+    """What a driver says, without the pages that SQLAlchemy adds, and what helps."""
     cause = getattr(error, "orig", None) or error
-    return next(iter(str(cause).splitlines()), type(cause).__name__)
+    told = next(iter(str(cause).splitlines()), type(cause).__name__)
+    remedy = REMEDIES.get(getattr(cause, "sqlite_errorcode", 0) & 0xFF)
+    shown = url.render_as_string(hide_password=True)
+    return UnusableStore(f"cannot open the database {shown}: {told}" + (f"; {remedy}" if remedy else ""))
 
 
 def _engine(url: URL) -> AsyncEngine:
     if url.get_backend_name() != "sqlite":
-        return create_async_engine(url, pool_pre_ping=True)
+        is_asyncpg = url.get_driver_name() == "asyncpg"
+        return create_async_engine(url, pool_pre_ping=True, connect_args=ASYNCPG if is_asyncpg else {})
     if url.database:
         Path(url.database).parent.mkdir(parents=True, exist_ok=True)
+    # Where this fails, aiosqlite would leave a thread behind that fails once more.
+    create_engine(url.set(drivername="sqlite")).connect().close()
     engine = create_async_engine(url)
     event.listen(engine.sync_engine, "connect", _configure_sqlite)
     return engine

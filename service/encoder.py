@@ -12,6 +12,7 @@ from service.errors import InvalidModel, InvalidSpec
 from service.images import Framing
 from service.mapping import Array, MappingSpec
 
+FORMAT: Final = 1  # of the metadata; files of before it was written have none
 MAX_SIDE: Final = 4096  # of an encoder's input, pixels: far above any real one
 
 
@@ -29,6 +30,7 @@ class Encoder:
     def __init__(self, data: bytes, threads: int) -> None:
         self._session = open_session(data, threads)
         metadata = self._session.get_modelmeta().custom_metadata_map
+        _check_format(metadata)
         self.spec: Final = _spec(metadata)
         self.framing: Final = _framing(metadata)
         self.card: Final = _card(metadata)
@@ -42,8 +44,8 @@ class Encoder:
 
         Raises
         ------
-        InvalidModel : the file is missing, corrupt or no image encoder, lacks its metadata, or its
-            metadata disagrees with its graph.
+        InvalidModel : the file is missing, corrupt, newer than this code or no image encoder, lacks its metadata,
+            or its metadata disagrees with its graph.
         """
         try:
             data = path.read_bytes()
@@ -93,7 +95,18 @@ def open_session(data: bytes, threads: int, *, arena: bool = True) -> ort.Infere
     try:
         return ort.InferenceSession(data, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime raises a class of its own for each way to be corrupt
-        raise InvalidModel(f"it is no ONNX file that onnxruntime can load ({type(error).__name__})") from error
+        raise InvalidModel(
+            f"it is no ONNX file that onnxruntime can load ({type(error).__name__}); get it anew"
+        ) from error
+
+
+def _check_format(metadata: dict[str, str]) -> None:
+    """Refuse the files of newer versions."""
+    told = metadata.get("hof.format", str(FORMAT))
+    if told != str(FORMAT):
+        raise InvalidModel(
+            f"it is of format {told[:20]}, this version of hof reads {FORMAT}: install a newer hof, or export it anew"
+        )
 
 
 def _metadata(metadata: dict[str, str], key: str) -> object:

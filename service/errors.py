@@ -13,6 +13,7 @@
     │   ├── NoObjectFound            nothing to encode in the image
     │   └── InvalidSpec              a mapping spec that describes no function
     ├── NotReady                503  the encoder is still loading
+    ├── StoreFull               507  the database has no space for what is written
     ├── InvalidModel            500  the model file is unusable: refused at start
     └── UnusableStore           500  the database cannot be opened: refused at start
 
@@ -110,6 +111,13 @@ class NotReady(HofError):
 
     status = 503
     title = "Not ready"
+
+
+class StoreFull(HofError):
+    """The database has no space left for what a call writes; nothing of it is kept."""
+
+    status = 507
+    title = "Insufficient storage"
 
 
 class InvalidModel(HofError):

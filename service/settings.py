@@ -67,6 +67,10 @@ class Settings(BaseSettings):
         le=1024,
         description="threads for decoding, encoding and sampling; default: the CPUs this process may use",
     )
+    drain_s: float = Field(
+        default=5, ge=0, le=3600, description="seconds to go on serving after SIGTERM, while `/health/ready` says 503"
+    )
+    shutdown_s: int = Field(default=20, ge=1, le=3600, description="seconds that calls in progress then have to end")
     log_level: Literal["critical", "error", "warning", "info", "debug"] = Field(
         default="info", description="least severity that is logged"
     )

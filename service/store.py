@@ -4,25 +4,26 @@ SQLAlchemy Core. An object is never changed once written: it is put, read, liste
 """
 
 import base64
-from collections.abc import Sequence
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, Final, Literal
 
 import numpy as np
 from sqlalchemy import Row, select
-from sqlalchemy.exc import IntegrityError
+from sqlalchemy.exc import DBAPIError, IntegrityError
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine
 
-from service.database import connect, objects, uses
-from service.errors import InUse, InvalidParameter, NotFound
+from service.database import connect, is_full, objects, uses
+from service.errors import InUse, InvalidParameter, NotFound, StoreFull
 from service.mapping import Array, MappingSpec
 
 Kind = Literal["encoded", "imported", "composed", "interpolated"]
 
 MAX_SEQ: Final = 2**63 - 1
 MAX_NAMED: Final = 10  # composed objects that a refusal to delete names
-HEADER: Final = [column for column in objects.columns if column.name != "theta"]
+HEADER: Final = [column for column in objects.columns if column.name not in ("theta", "color")]
 
 
 @dataclass(frozen=True)
@@ -76,18 +77,32 @@ class Store:
         Raises
         ------
         NotFound : the word names an object that is not there (any more).
+        StoreFull : there is no space for it.
         """
-        while True:  # again only where a delete came between
+        kept, any_new = await self.put_all([(record, theta)])
+        return kept[0], any_new
+
+    async def put_all(self, proposed: Sequence[tuple[Record, Array | None]]) -> tuple[list[Record], bool]:
+        """Keep all of several objects or, where one is refused, none of them.
+
+        Returns the objects that are kept, in their order, and whether any is new. Each is as `put` has it, and
+        so are the errors.
+        """
+        kept: dict[str, Record] = {}
+        while True:  # again only where another put or a delete came between
+            # In one order, whatever was asked for: two calls for the same words do not wait for each other in turn.
+            fresh = sorted((pair for pair in proposed if pair[0].id not in kept), key=lambda pair: pair[0].members)
             try:
-                async with self._engine.begin() as connection:
-                    await _insert(connection, record, theta)
+                async with self._transaction() as connection:
+                    for record, theta in fresh:
+                        await _insert(connection, record, theta)
             except IntegrityError:
-                found = await self.find(record.id)
-                if found is not None:
-                    return found[0], False
-                await self._check_word(record)
+                kept = await self.records([record.id for record, _ in proposed])
+                for record, _ in fresh:
+                    if record.id not in kept:
+                        await self._check_word(record)
             else:
-                return record, True
+                return [kept.get(record.id, record) for record, _ in proposed], bool(fresh)
 
     async def find(self, object_id: str) -> tuple[Record, Array] | None:
         """The object of that id and its theta, float32: (spec.size,), or (k, spec.size) of a composed object, in
@@ -142,10 +157,11 @@ class Store:
         ------
         NotFound : there is none of that id.
         InUse : words name it; the message names the composed objects, the oldest first.
+        StoreFull : even this takes space, and there is none.
         """
         while True:  # again only where the last composed object was deleted meanwhile
             try:
-                async with self._engine.begin() as connection:
+                async with self._transaction() as connection:
                     result = await connection.execute(objects.delete().where(objects.c.id == object_id))
             except IntegrityError:
                 await self._check_unused(object_id)
@@ -153,6 +169,17 @@ class Store:
                 break
         if result.rowcount == 0:
             raise NotFound("there is no object of this id")
+
+    @asynccontextmanager
+    async def _transaction(self) -> AsyncIterator[AsyncConnection]:
+        """What is written in the block is on disk after it, or nothing is. Raises StoreFull."""
+        try:
+            async with self._engine.begin() as connection:
+                yield connection
+        except DBAPIError as error:
+            if is_full(error):
+                raise StoreFull("the store has no space left; nothing of this call is kept") from error
+            raise
 
     async def _check_word(self, record: Record) -> None:
         there = await self.records(record.members)

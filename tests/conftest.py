@@ -1,4 +1,4 @@
-"""A tiny model, photos, and a real server on a free port."""
+"""A tiny model, photos, databases, and a real server on a free port."""
 
 import contextlib
 import io
@@ -13,9 +13,27 @@ import pytest
 import tiny_model
 import uvicorn
 from PIL import Image, ImageDraw
+from postgres import Postgres, running_postgres
 
 from service.app import create_app
 from service.settings import Settings
+
+EVERY_DATABASE = pytest.mark.parametrize("database_url", ["sqlite", "postgresql"], indirect=True)
+
+
+@pytest.fixture(scope="session")
+def postgres() -> Iterator[Postgres]:
+    with running_postgres() as postgres:
+        yield postgres
+
+
+@pytest.fixture
+def database_url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
+    """An empty database: SQLite's, unless a test is parametrised by EVERY_DATABASE."""
+    if getattr(request, "param", "sqlite") == "sqlite":
+        return f"sqlite:///{tmp_path / 'store' / 'hof.db'}"
+    postgres: Postgres = request.getfixturevalue("postgres")
+    return postgres.create()
 
 
 @pytest.fixture(scope="session")
@@ -37,10 +55,10 @@ def u2net_home() -> Path:
 
 
 @pytest.fixture
-def settings(model_path: Path, tmp_path: Path) -> Settings:
+def settings(model_path: Path, database_url: str) -> Settings:
     return Settings(
         model=model_path,
-        database_url=f"sqlite:///{tmp_path / 'store' / 'hof.db'}",
+        database_url=database_url,
         threads=2,
         max_image_bytes=200_000,
         max_image_pixels=1_000_000,

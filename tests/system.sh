@@ -1,12 +1,15 @@
 #!/usr/bin/env bash
 # What the tests need beyond Python: Node for the Khronos glTF validator and for npm's packages, Chromium for the page,
-# OpenGL without a screen for the renderer, curl for the README's lines. Installs Debian's packages where it may; else names what is missing.
+# OpenGL without a screen for the renderer, curl for the README's lines, PostgreSQL and PgBouncer for the store.
+# Installs Debian's packages where it may; else names what is missing.
 set -euo pipefail
 
 missing=()
 for tool in node npm curl chromium; do
     command -v "$tool" >/dev/null || missing+=("${tool/node/nodejs}")
 done
+compgen -G '/usr/lib/postgresql/*/bin/initdb' >/dev/null || command -v initdb >/dev/null || missing+=(postgresql)
+PATH="$PATH:/usr/sbin" command -v pgbouncer >/dev/null || missing+=(pgbouncer)
 if [ "$(uname)" = Linux ]; then
     libraries=$(PATH="$PATH:/sbin:/usr/sbin" ldconfig -p)
     while read -r library package; do

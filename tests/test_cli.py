@@ -6,7 +6,6 @@ from pathlib import Path
 import httpx
 import numpy as np
 import pytest
-import uvicorn
 from conftest import disc, image_file
 
 from service.cli import main
@@ -203,12 +202,14 @@ def test_every_setting_is_a_flag_of_serve(
         "max_weights_bytes": 4,
         "max_points": 5,
         "threads": 6,
+        "drain_s": 7,
+        "shutdown_s": 8,
         "log_level": "debug",
     }
     assert values.keys() == Settings.model_fields.keys()
     seen: list[Settings] = []
     monkeypatch.setattr("service.app.create_app", seen.append)
-    monkeypatch.setattr(uvicorn, "run", lambda *_, **__: None)
+    monkeypatch.setattr("service.server.serve", lambda *_: None)
     flags = [part for name, value in values.items() for part in (f"--{name.replace('_', '-')}", str(value))]
     assert main(["serve", *flags]) == 0
     assert seen[0].model_dump() == values

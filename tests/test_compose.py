@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import httpx
 import numpy as np
 import pytest
-from conftest import disc, image_file
+from conftest import EVERY_DATABASE, disc, image_file
 
 from service import mapping
 from service.canonical import canonical_points
@@ -255,6 +255,7 @@ def test_a_query_is_refused(client: httpx.Client) -> None:
 # While others delete
 
 
+@EVERY_DATABASE
 def test_composing_while_an_object_is_deleted_leaves_no_word_without_it(client: httpx.Client) -> None:
     (b,) = _encode(client, "green")
     outcomes = set()

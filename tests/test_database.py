@@ -1,13 +1,28 @@
-"""The database: how it is opened, and which one is refused."""
+"""The database: how it is opened, through what, and which file is refused at start."""
 
 import asyncio
 import sqlite3
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from postgres import Postgres
+from test_store import NOW
 
+from service.cli import main
 from service.database import connect
-from service.errors import UnusableStore
+from service.mapping import HOF_1, initial_theta
+from service.store import Record, Store
+
+
+async def _put(url: str, count: int) -> list[bool]:
+    """Put objects at once and read them at once; which of them are new."""
+    store = await Store.open(url)
+    records = [Record(f"object{number % 7}", "encoded", "m", HOF_1, NOW) for number in range(count)]
+    new = [new for _, new in await asyncio.gather(*[store.put(record, initial_theta(HOF_1)) for record in records])]
+    await asyncio.gather(*[store.get(record.id) for record in records])
+    await store.close()
+    return new
 
 
 def test_sqlite_syncs_its_log_before_a_commit_returns_and_holds_foreign_keys(tmp_path: Path) -> None:
@@ -22,34 +37,66 @@ def test_sqlite_syncs_its_log_before_a_commit_returns_and_holds_foreign_keys(tmp
     asyncio.run(scenario())
 
 
-def test_a_database_of_this_version_is_opened_again(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        engines = [await connect(f"sqlite:///{tmp_path / 'hof.db'}") for _ in range(2)]
-        for engine in engines:
-            await engine.dispose()
+def test_postgresql_works_through_pgbouncer_which_pools_transactions(postgres: Postgres) -> None:
+    with postgres.bouncer(postgres.create()) as url:
+        assert sum(asyncio.run(_put(url, 40))) == 7
 
-    asyncio.run(scenario())
-    other = sqlite3.connect(tmp_path / "hof.db")
-    names = {name for (name,) in other.execute("SELECT name FROM sqlite_master WHERE name NOT LIKE 'sqlite%'")}
-    other.close()
-    assert names == {"objects", "uses", "uses_member_id"}
+
+def _cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+def _overwrite(path: Path, start: int, data: bytes) -> None:
+    with path.open("r+b") as file:
+        file.seek(start)
+        file.write(data)
+
+
+def _make_folder(path: Path) -> None:
+    path.unlink()
+    path.mkdir()
+
+
+BACKUP = "restore a backup"
 
 
 @pytest.mark.parametrize(
-    "table",
+    ("spoil", "query", "told", "remedy"),
     [
-        "objects (seq INTEGER PRIMARY KEY, id TEXT, kind TEXT, created_at TEXT, model TEXT, spec TEXT, theta BLOB)",
-        "uses (composed_id TEXT, member_id TEXT, since TEXT)",
+        (lambda path: path.write_text("no database" * 1000), "", "file is not a database", BACKUP),
+        (lambda path: _overwrite(path, 0, bytes(200)), "", "file is not a database", BACKUP),
+        (_cut, "", "malformed", BACKUP),
+        (lambda path: _overwrite(path, 8192, b"\xff" * 4096), "", "", BACKUP),
+        (lambda path: _overwrite(path, path.stat().st_size // 4096 // 2 * 4096, b"\xff" * 4096), "", "", BACKUP),
+        (_make_folder, "", "unable to open database file", "name a file in a folder that hof can write"),
+        (lambda path: None, "?mode=ro&uri=true", "readonly database", "hof must be able to write the file"),
     ],
+    ids=["text", "header", "cut", "third page", "middle page", "folder", "read-only"],
 )
-def test_a_database_of_another_version_is_refused_and_left_alone(tmp_path: Path, table: str) -> None:
-    with sqlite3.connect(tmp_path / "hof.db") as other:
-        other.execute(f"CREATE TABLE {table}")
+def test_a_spoilt_file_is_refused_at_start_in_a_sentence_that_says_what_to_do(
+    spoil: Callable[[Path], None],
+    query: str,
+    told: str,
+    remedy: str,
+    tmp_path: Path,
+    model_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    path = tmp_path / "hof.db"
+    asyncio.run(_put(f"sqlite:///{path}", 7))
+    spoil(path)
+    url = f"sqlite:///{'file:' if query else ''}{path}{query}"
+    assert main(["serve", "--model", str(model_path), "--database-url", url]) == 2
+    captured = capsys.readouterr()
+    assert captured.err.startswith("hof: cannot open the database sqlite:///")
+    assert captured.err.count("\n") == 1
+    assert told in captured.err
+    assert remedy in captured.err
 
-    with pytest.raises(
-        UnusableStore, match=r"hof\.db: its table '\w+' was made by another version .* (members|since)\)"
-    ):
-        asyncio.run(connect(f"sqlite:///{tmp_path / 'hof.db'}"))
-    tables = other.execute("SELECT count(*) FROM sqlite_master WHERE type = 'table'").fetchone()
-    other.close()
-    assert tables == (1,)
+
+def test_a_sound_file_is_not_refused(tmp_path: Path) -> None:
+    asyncio.run(_put(f"sqlite:///{tmp_path / 'hof.db'}", 7))
+    assert asyncio.run(_put(f"sqlite:///{tmp_path / 'hof.db'}", 7)) == [False] * 7
+    connection = sqlite3.connect(tmp_path / "hof.db")
+    assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+    connection.close()

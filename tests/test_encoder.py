@@ -56,6 +56,7 @@ SPEC = json.loads(tiny_model.SPEC.to_json())
 @pytest.mark.parametrize(
     ("meta", "message"),
     [
+        (_with("hof.format", 2), "it is of format 2, this version of hof reads 1: install a newer hof"),
         (_with("hof.spec", None), "lacks 'hof.spec'"),
         (_with("hof.framing", None), "lacks 'hof.framing'"),
         (_with("hof.card", None), "lacks 'hof.card'"),
@@ -72,6 +73,10 @@ SPEC = json.loads(tiny_model.SPEC.to_json())
 def test_metadata_that_is_wrong_is_refused(tmp_path: Path, meta: dict[str, str], message: str) -> None:
     with pytest.raises(InvalidModel, match=message):
         Encoder.open(tiny_model.build(tmp_path / "m.onnx", meta=meta), 1)
+
+
+def test_a_file_of_before_formats_were_written_is_read(tmp_path: Path) -> None:
+    assert Encoder.open(tiny_model.build(tmp_path / "m.onnx", meta=_with("hof.format", None)), 1).name == "tiny-k2"
 
 
 @pytest.mark.parametrize(

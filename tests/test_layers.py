@@ -42,7 +42,8 @@ ALLOWED = {
     "service.formats": {"service.errors", "service.formats", "service.mapping", "service.sampler"},
     "service.picture": {"service.mapping"},
     "service.routes.viewer": {"service.errors"},
-    "service.database": {"service.errors"},
+    "service.migrations": {"service.errors"},
+    "service.database": {"service.errors", "service.migrations"},
     "service.store": {"service.database", "service.errors", "service.mapping"},
     "service.composition": {
         "service.errors",
@@ -53,6 +54,7 @@ ALLOWED = {
         "service.store",
     },
     "service.settings": {"service.images"},
+    "service.server": {"service.settings"},
     "demo": {"service.picture"},
 }
 

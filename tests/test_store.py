@@ -1,17 +1,25 @@
+"""The store, on SQLite and on PostgreSQL."""
+
 import asyncio
-import sqlite3
+import subprocess
+import sys
 from collections.abc import AsyncIterator, Awaitable
 from contextlib import asynccontextmanager
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import EVERY_DATABASE
 
 from service.errors import InUse, InvalidParameter, NotFound
 from service.mapping import HOF_1, Array, MappingSpec, initial_theta
 from service.store import Record, Store
 
+pytestmark = EVERY_DATABASE
+
+ROOT = Path(__file__).parents[1]
 SPEC = MappingSpec("tiny", 3, (4,), 3, k=2)
 NOW = datetime(2026, 1, 2, 3, 4, 5, 678901, UTC)
 
@@ -21,25 +29,37 @@ def _record(name: str, spec: MappingSpec = SPEC) -> Record:
 
 
 THETA = initial_theta(SPEC)
+LIST = """
+import asyncio, sys
+from service.store import Store
+
+async def main():
+    store = await Store.open(sys.argv[1])
+    for record in (await store.page(9))[0]:
+        print(record.id, (await store.get(record.id))[1].nbytes)
+    await store.close()
+
+asyncio.run(main())
+"""
 
 
 @asynccontextmanager
-async def _open(path: Path) -> AsyncIterator[Store]:
-    store = await Store.open(f"sqlite:///{path}")
+async def _open(url: str) -> AsyncIterator[Store]:
+    store = await Store.open(url)
     try:
         yield store
     finally:
         await store.close()
 
 
-def test_an_object_comes_back_bit_for_bit_from_a_store_opened_again(tmp_path: Path) -> None:
+def test_an_object_comes_back_bit_for_bit_from_a_store_opened_again(database_url: str) -> None:
     spec = HOF_1.with_k(2)
     theta = initial_theta(spec, 7)
 
     async def scenario() -> tuple[Record, Array]:
-        async with _open(tmp_path / "new" / "folder" / "hof.db") as store:
+        async with _open(database_url) as store:
             assert await store.put(_record("a", spec), theta) == (_record("a", spec), True)
-        async with _open(tmp_path / "new" / "folder" / "hof.db") as store:
+        async with _open(database_url) as store:
             return await store.get("a")
 
     record, found = asyncio.run(scenario())
@@ -49,9 +69,9 @@ def test_an_object_comes_back_bit_for_bit_from_a_store_opened_again(tmp_path: Pa
     np.testing.assert_array_equal(found, theta)
 
 
-def test_a_second_put_keeps_and_returns_the_first(tmp_path: Path) -> None:
+def test_a_second_put_keeps_and_returns_the_first(database_url: str) -> None:
     async def scenario() -> None:
-        async with _open(tmp_path / "hof.db") as store:
+        async with _open(database_url) as store:
             await store.put(_record("a"), THETA)
             later = Record("a", "imported", "other", SPEC, datetime(2027, 1, 1, tzinfo=UTC))
             assert await store.put(later, THETA + 1) == (_record("a"), False)
@@ -61,30 +81,33 @@ def test_a_second_put_keeps_and_returns_the_first(tmp_path: Path) -> None:
     asyncio.run(scenario())
 
 
-def test_of_concurrent_puts_from_two_processes_worth_of_stores_one_is_new(tmp_path: Path) -> None:
+def test_of_concurrent_puts_from_two_processes_worth_of_stores_one_is_new(database_url: str) -> None:
     async def scenario() -> list[bool]:
-        async with _open(tmp_path / "hof.db") as one, _open(tmp_path / "hof.db") as two:
+        async with _open(database_url) as one, _open(database_url) as two:
             puts = [store.put(_record("a"), THETA) for store in (one, two) for _ in range(10)]
             return [new for _, new in await asyncio.gather(*puts)]
 
     assert sorted(asyncio.run(scenario())) == [False] * 19 + [True]
 
 
-def test_another_process_reads_what_is_acknowledged_while_the_store_is_open(tmp_path: Path) -> None:
-    async def scenario() -> list[tuple[str, int]]:
-        async with _open(tmp_path / "hof.db") as store:
+def test_another_process_reads_what_is_acknowledged_while_the_store_is_open(database_url: str) -> None:
+    async def scenario() -> list[str]:
+        async with _open(database_url) as store:
             await store.put(_record("a"), THETA)
-            other = sqlite3.connect(tmp_path / "hof.db")
-            rows = other.execute("SELECT id, length(theta) FROM objects").fetchall()
-            other.close()
-            return rows
+            return await asyncio.to_thread(_elsewhere)
 
-    assert asyncio.run(scenario()) == [("a", THETA.nbytes)]
+    def _elsewhere() -> list[str]:
+        run = subprocess.run(
+            [sys.executable, "-c", LIST, database_url], cwd=ROOT, check=True, capture_output=True, text=True
+        )
+        return run.stdout.split()
+
+    assert asyncio.run(scenario()) == ["a", str(THETA.nbytes)]
 
 
-def test_unknown_ids_are_not_found(tmp_path: Path) -> None:
+def test_unknown_ids_are_not_found(database_url: str) -> None:
     async def scenario() -> None:
-        async with _open(tmp_path / "hof.db") as store:
+        async with _open(database_url) as store:
             assert await store.find("a") is None
             with pytest.raises(NotFound):
                 await store.get("a")
@@ -94,9 +117,9 @@ def test_unknown_ids_are_not_found(tmp_path: Path) -> None:
     asyncio.run(scenario())
 
 
-def test_pages_are_newest_first_and_stable_under_inserts_and_deletes(tmp_path: Path) -> None:
+def test_pages_are_newest_first_and_stable_under_inserts_and_deletes(database_url: str) -> None:
     async def scenario() -> None:
-        async with _open(tmp_path / "hof.db") as store:
+        async with _open(database_url) as store:
             for name in "abcdefg":
                 await store.put(_record(name), THETA)
             page, cursor = await store.page(3)
@@ -114,9 +137,9 @@ def test_pages_are_newest_first_and_stable_under_inserts_and_deletes(tmp_path: P
     asyncio.run(scenario())
 
 
-def test_an_empty_store_has_an_empty_page(tmp_path: Path) -> None:
+def test_an_empty_store_has_an_empty_page(database_url: str) -> None:
     async def scenario() -> tuple[list[Record], str | None]:
-        async with _open(tmp_path / "hof.db") as store:
+        async with _open(database_url) as store:
             return await store.page(5)
 
     assert asyncio.run(scenario()) == ([], None)
@@ -125,9 +148,9 @@ def test_an_empty_store_has_an_empty_page(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "cursor", ["", "x", "MQ==", "LTE", "MA", "ICAx", "é", "\x00", "OTk5OTk5OTk5OTk5OTk5OTk5OTk5OQ", "2" * 60]
 )
-def test_a_cursor_that_no_page_gave_is_refused(tmp_path: Path, cursor: str) -> None:
+def test_a_cursor_that_no_page_gave_is_refused(database_url: str, cursor: str) -> None:
     async def scenario() -> None:
-        async with _open(tmp_path / "hof.db") as store:
+        async with _open(database_url) as store:
             await store.page(1, cursor)
 
     with pytest.raises(InvalidParameter) as caught:
@@ -142,14 +165,14 @@ def _composed(name: str, *word: str) -> Record:
     return Record(name, "composed", "tiny-k2", SPEC, NOW, word)
 
 
-def test_a_composed_object_has_the_thetas_of_its_word(tmp_path: Path) -> None:
+def test_a_composed_object_has_the_thetas_of_its_word(database_url: str) -> None:
     async def scenario() -> tuple[Record, Array]:
-        async with _open(tmp_path / "hof.db") as store:
+        async with _open(database_url) as store:
             for index, name in enumerate("ab"):
                 await store.put(_record(name), THETA + index)
             assert await store.put(_composed("bab", "b", "a", "b"), None) == (_composed("bab", "b", "a", "b"), True)
             assert await store.put(_composed("bab", "b", "a", "b"), None) == (_composed("bab", "b", "a", "b"), False)
-        async with _open(tmp_path / "hof.db") as store:
+        async with _open(database_url) as store:
             return await store.get("bab")
 
     record, theta = asyncio.run(scenario())
@@ -158,9 +181,9 @@ def test_a_composed_object_has_the_thetas_of_its_word(tmp_path: Path) -> None:
     np.testing.assert_array_equal(theta, [THETA + 1, THETA, THETA + 1])
 
 
-def test_a_word_of_a_missing_object_is_refused_and_not_kept(tmp_path: Path) -> None:
+def test_a_word_of_a_missing_object_is_refused_and_not_kept(database_url: str) -> None:
     async def scenario() -> None:
-        async with _open(tmp_path / "hof.db") as store:
+        async with _open(database_url) as store:
             await store.put(_record("a"), THETA)
             with pytest.raises(NotFound, match="no object gone any more"):
                 await store.put(_composed("ab", "a", "gone"), None)
@@ -170,9 +193,9 @@ def test_a_word_of_a_missing_object_is_refused_and_not_kept(tmp_path: Path) -> N
     asyncio.run(scenario())
 
 
-def test_an_object_that_words_use_stays(tmp_path: Path) -> None:
+def test_an_object_that_words_use_stays(database_url: str) -> None:
     async def scenario() -> None:
-        async with _open(tmp_path / "hof.db") as store:
+        async with _open(database_url) as store:
             await store.put(_record("a"), THETA)
             names = [f"word{index}" for index in range(12)]
             for name in names:
@@ -188,11 +211,11 @@ def test_an_object_that_words_use_stays(tmp_path: Path) -> None:
     asyncio.run(scenario())
 
 
-def test_an_interpolated_object_keeps_parents_that_are_gone(tmp_path: Path) -> None:
+def test_an_interpolated_object_keeps_parents_that_are_gone(database_url: str) -> None:
     mean = Record("mean", "interpolated", "tiny-k2", SPEC, NOW, ("a", "gone"))
 
     async def scenario() -> tuple[Record, Array]:
-        async with _open(tmp_path / "hof.db") as store:
+        async with _open(database_url) as store:
             await store.put(_record("a"), THETA)
             await store.put(mean, THETA)
             await store.delete("a")
@@ -203,7 +226,7 @@ def test_an_interpolated_object_keeps_parents_that_are_gone(tmp_path: Path) -> N
     np.testing.assert_array_equal(theta, THETA)
 
 
-def test_of_composing_and_deleting_at_once_one_wins(tmp_path: Path) -> None:
+def test_of_composing_and_deleting_at_once_one_wins(database_url: str) -> None:
     async def attempt(action: Awaitable[object]) -> bool:
         try:
             await action
@@ -212,7 +235,7 @@ def test_of_composing_and_deleting_at_once_one_wins(tmp_path: Path) -> None:
         return True
 
     async def scenario() -> None:
-        async with _open(tmp_path / "hof.db") as one, _open(tmp_path / "hof.db") as two:
+        async with _open(database_url) as one, _open(database_url) as two:
             for index in range(30):
                 name, word = f"a{index}", f"word{index}"
                 await one.put(_record(name), THETA)
@@ -225,3 +248,38 @@ def test_of_composing_and_deleting_at_once_one_wins(tmp_path: Path) -> None:
                 assert found.keys() in ({name, word}, set())
 
     asyncio.run(scenario())
+
+
+# Several at once
+
+
+def test_of_several_objects_all_are_kept_or_none(database_url: str) -> None:
+    async def scenario() -> None:
+        async with _open(database_url) as store:
+            await store.put(_record("a"), THETA)
+            with pytest.raises(NotFound, match="no object gone any more"):
+                await store.put_all([(_composed("aa", "a", "a"), None), (_composed("ag", "a", "gone"), None)])
+            assert [record.id for record in (await store.page(5))[0]] == ["a"]
+            await store.put(_composed("aa", "a", "a"), None)
+            both = [_record("b"), _composed("aa", "a", "a"), _record("c")]
+            later = [replace(record, created_at=datetime(2027, 1, 1, tzinfo=UTC)) for record in both]
+            kept, any_new = await store.put_all([(record, None if record.members else THETA) for record in later])
+            assert (kept, any_new) == ([later[0], both[1], later[2]], True)
+            assert await store.put_all([(record, None) for record in both]) == (kept, False)
+
+    asyncio.run(scenario())
+
+
+def test_the_same_words_in_opposite_orders_do_not_lock_each_other_out(database_url: str) -> None:
+    async def scenario() -> list[bool]:
+        async with _open(database_url) as one, _open(database_url) as two:
+            for name in "ab":
+                await one.put(_record(name), THETA)
+            new = []
+            for index in range(10):
+                words = [(_composed(f"{index}{x}{y}", x, y), None) for x in "ab" for y in "ab"]
+                calls = [store.put_all(order) for store in (one, two) for order in (words, words[::-1])]
+                new.append(sum(any_new for _, any_new in await asyncio.gather(*calls)) == 1)
+            return new
+
+    assert asyncio.run(scenario()) == [True] * 10

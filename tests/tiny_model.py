@@ -24,7 +24,12 @@ CARD = {
 def metadata(spec: MappingSpec = SPEC) -> dict[str, str]:
     """What `hof-model export` writes beside the graph."""
     framing = {"size": SIZE, "foreground_ratio": 0.85}
-    return {"hof.spec": spec.to_json(), "hof.framing": json.dumps(framing), "hof.card": json.dumps(CARD)}
+    return {
+        "hof.format": "1",
+        "hof.spec": spec.to_json(),
+        "hof.framing": json.dumps(framing),
+        "hof.card": json.dumps(CARD),
+    }
 
 
 def parameters(spec: MappingSpec = SPEC) -> tuple[Array, Array]:

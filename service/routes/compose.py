@@ -38,6 +38,7 @@ RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
         "description": "A word of the wrong length, objects of different specs, a composed object among them; "
         "`errors` tells which",
     },
+    507: {"model": Problem, "description": "The store has no space left; no object of the call is kept"},
 }
 
 
@@ -96,10 +97,7 @@ async def _keep(runtime: Runtime, proposals: Sequence[Proposal]) -> tuple[list[R
     """The objects as they are kept, and whether any is new. What cannot be sampled is refused before any is kept."""
     kept = await runtime.store.records([proposal.record.id for proposal in proposals])
     fresh = [proposal for proposal in proposals if proposal.record.id not in kept]
+    if not fresh:
+        return [kept[proposal.record.id] for proposal in proposals], False
     await runtime.run(check_values, fresh)
-    any_new = False
-    for proposal in fresh:
-        record, new = await runtime.store.put(proposal.record, proposal.theta)
-        kept[record.id] = record
-        any_new |= new
-    return [kept[proposal.record.id] for proposal in proposals], any_new
+    return await runtime.store.put_all([(proposal.record, proposal.theta) for proposal in proposals])

@@ -51,6 +51,7 @@ RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
     413: {"model": Problem, "description": "More bytes or pixels than the limit"},
     415: {"model": Problem, "description": "The body is no PNG, JPEG or WebP by its content; it is empty, say"},
     422: {"model": Problem, "description": "A faulty parameter, or no object found in the image"},
+    507: {"model": Problem, "description": "The store has no space left; the object is not kept"},
 }
 
 

@@ -5,6 +5,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query
 from sqlalchemy.exc import SQLAlchemyError
+from starlette.requests import Request
 
 from service.errors import NotReady
 from service.queries import NoQuery
@@ -21,8 +22,10 @@ async def live(query: Annotated[NoQuery, Query()]) -> Health:
 
 
 @router.get("/health/ready", tags=["health"])
-async def ready(query: Annotated[NoQuery, Query()], runtime: Ready) -> Health:
-    """The encoder is loaded and warm, and the store answers."""
+async def ready(request: Request, query: Annotated[NoQuery, Query()], runtime: Ready) -> Health:
+    """The encoder is loaded and warm, the store answers, and the service is not about to stop."""
+    if getattr(request.state, "draining", False):
+        raise NotReady("the service is stopping")
     try:
         await runtime.store.ping()
     except (SQLAlchemyError, OSError) as error:

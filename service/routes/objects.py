@@ -64,6 +64,7 @@ async def page_of_objects(query: Annotated[PageQuery, Query()], runtime: Ready) 
             "model": Problem,
             "description": "A spec that describes no function; a composed object's file; an unknown parameter",
         },
+        507: {"model": Problem, "description": "The store has no space left; the object is not kept"},
     },
     openapi_extra={"requestBody": {"required": True, "content": {"application/octet-stream": BINARY}}},
 )
@@ -96,7 +97,11 @@ async def one_object(id_: ObjectId, query: Annotated[NoQuery, Query()], runtime:
 @router.delete(
     "/{id}",
     status_code=204,
-    responses=MISSING | {409: {"model": Problem, "description": "Composed objects, which `detail` names, use it"}},
+    responses=MISSING
+    | {
+        409: {"model": Problem, "description": "Composed objects, which `detail` names, use it"},
+        507: {"model": Problem, "description": "The store has no space left, not even to remove; the object is kept"},
+    },
 )
 async def delete_object(id_: ObjectId, query: Annotated[NoQuery, Query()], runtime: Ready) -> None:
     """Remove an object, unless the word of a composed object names it. Interpolated objects outlive their parents."""

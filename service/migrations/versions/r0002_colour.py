@@ -1,0 +1,13 @@
+"""Colour: a second mapping function beside theta, with a spec of its own."""
+
+import sqlalchemy as sa
+from alembic import op
+
+revision = "0002"
+down_revision = "0001"
+
+
+def upgrade() -> None:
+    """Add both columns; the objects that are there have no colour."""
+    op.add_column("objects", sa.Column("color", sa.LargeBinary, nullable=True))
+    op.add_column("objects", sa.Column("color_spec", sa.Text, nullable=True))

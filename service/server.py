@@ -1,0 +1,87 @@
+"""The server: uvicorn, and a stop that loses no call.
+
+On SIGTERM uvicorn closes its socket at once, while load balancers still send: for them this one first answers
+`/health/ready` with 503 and goes on serving. Then it takes the connections that the kernel has accepted, and no new
+ones, and ends when the calls in progress have ended. SIGINT and a second SIGTERM skip the wait.
+"""
+
+import asyncio
+import contextlib
+import ctypes
+import os
+import signal
+import socket
+import struct
+import sys
+import time
+from types import FrameType
+from typing import Final
+
+import uvicorn
+from starlette.types import ASGIApp
+from uvicorn.config import STARTUP_FAILURE
+
+from service.settings import Settings
+
+CLOSE: Final = (b"connection", b"close")
+SETTLE_S: Final = 0.2  # from the last connection until its request has been read
+SO_ATTACH_FILTER: Final = 26
+RETURN: Final = 0x06  # the only instruction of a filter that keeps 0 bytes of any packet
+
+
+def serve(app: ASGIApp, settings: Settings) -> None:
+    """Serve until a signal comes. Exits with uvicorn's status where the port is taken, say."""
+    config = uvicorn.Config(
+        app,
+        host=settings.host,
+        port=settings.port,
+        log_level=settings.log_level,
+        lifespan="on",
+        ws="none",
+        timeout_graceful_shutdown=settings.shutdown_s,
+    )
+    server = Server(config, settings.drain_s)
+    with contextlib.suppress(KeyboardInterrupt):
+        server.run()
+    if not server.started:
+        sys.exit(STARTUP_FAILURE)
+
+
+class Server(uvicorn.Server):
+    """One process's server. While it drains, ``request.state.draining`` is true and answers close their connection."""
+
+    def __init__(self, config: uvicorn.Config, drain_s: float) -> None:
+        super().__init__(config)
+        self._drain_s = drain_s
+        self._drained_at: float | None = None
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """Take a signal: the first SIGTERM begins to drain, any other ends that."""
+        if sig != signal.SIGTERM or not self.started or self._drained_at is not None:
+            super().handle_exit(sig, frame)
+            return
+        self._drained_at = time.monotonic() + self._drain_s
+        self.lifespan.state["draining"] = True
+        self.config.encoded_headers.append(CLOSE)  # of which uvicorn makes the next default headers, within a second
+        self.server_state.default_headers = [*self.server_state.default_headers, CLOSE]
+
+    async def on_tick(self, counter: int) -> bool:
+        """Whether to stop; asked ten times a second."""
+        if self._drained_at is not None and time.monotonic() >= self._drained_at and not self.should_exit:
+            super().handle_exit(signal.SIGTERM, None)
+        return await super().on_tick(counter)
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Take what is in the kernel's queue, then stop as uvicorn does. A socket that is shared stays as it is."""
+        if sockets is None and sys.platform == "linux":
+            for listener in [listener for server in self.servers for listener in server.sockets]:
+                with socket.socket(fileno=os.dup(listener.fileno())) as own:
+                    _drop_packets(own)
+            await asyncio.sleep(SETTLE_S)
+        await super().shutdown(sockets)
+
+
+def _drop_packets(listener: socket.socket) -> None:
+    """Let a listening socket's queue only get shorter: clients that come later are refused once it is closed."""
+    instruction = ctypes.create_string_buffer(struct.pack("HBBI", RETURN, 0, 0, 0))
+    listener.setsockopt(socket.SOL_SOCKET, SO_ATTACH_FILTER, struct.pack("HP", 1, ctypes.addressof(instruction)))

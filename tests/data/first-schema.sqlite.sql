@@ -1,0 +1,29 @@
+BEGIN TRANSACTION;
+CREATE TABLE objects (
+	seq INTEGER NOT NULL PRIMARY KEY AUTOINCREMENT, 
+	id VARCHAR(64) NOT NULL, 
+	kind VARCHAR(16) NOT NULL, 
+	created_at DATETIME NOT NULL, 
+	model TEXT NOT NULL, 
+	spec TEXT NOT NULL, 
+	members TEXT NOT NULL, 
+	theta BLOB, 
+	UNIQUE (id)
+);
+INSERT INTO "objects" VALUES(1,'9ae47e445bac264c2961641fba584968','imported','2026-01-02 03:04:05.678901','tiny-k2','{"activation":"relu","domain":"ball","hidden":[2],"input_dim":3,"k":2,"name":"tiny","output_dim":3}','',X'14A65F3C9828053F0E60D2BE4D9F043F357E5EBED551B5BD6EBDC13E72BAD6BD7FA38F3DB80A2BBF2790B73E1EF35C3D279376BE3ED8D03E8E808EBE3BAF86BDB67D04BF');
+INSERT INTO "objects" VALUES(2,'1fa301afdc696f8b221f36fb2c84968f','imported','2026-01-02 03:04:05.678901','tiny-k2','{"activation":"relu","domain":"ball","hidden":[2],"input_dim":3,"k":2,"name":"tiny","output_dim":3}','',X'BEEF8CBE4B446EBEB9C5B93E1443F1BE6CB8EC3D6320873ED583B8BE098003BF88F0A2BEC4FC633E3357B43DCA61FDBE401FC3BD2E2B753EB5A3DFBD22DF403EDA3A293F');
+INSERT INTO "objects" VALUES(4,'3113377aa78d1bb106f219b8656f9cce','composed','2026-01-02 03:04:05.678901','tiny-k2','{"activation":"relu","domain":"ball","hidden":[2],"input_dim":3,"k":2,"name":"tiny","output_dim":3}','9ae47e445bac264c2961641fba584968 1fa301afdc696f8b221f36fb2c84968f',NULL);
+INSERT INTO "objects" VALUES(5,'d02dcb09a0b5bc1d08897c23008f05b8','interpolated','2026-01-02 03:04:05.678901','tiny-k2','{"activation":"relu","domain":"ball","hidden":[2],"input_dim":3,"k":2,"name":"tiny","output_dim":3}','9ae47e445bac264c2961641fba584968 1fa301afdc696f8b221f36fb2c84968f',X'8DF205BE0A2F133EA8D2C4BC30DCBF3CFE4350BDDC97B33D9099133C57579EBE500FFEBD0E1764BEF4A5643E66C361BE64112CBEEAB6A53E7B6946BE090F7B3D90F4923D');
+CREATE TABLE uses (
+	composed_id VARCHAR(64) NOT NULL, 
+	member_id VARCHAR(64) NOT NULL, 
+	PRIMARY KEY (composed_id, member_id), 
+	FOREIGN KEY(composed_id) REFERENCES objects (id) ON DELETE CASCADE, 
+	FOREIGN KEY(member_id) REFERENCES objects (id) ON DELETE RESTRICT
+);
+INSERT INTO "uses" VALUES('3113377aa78d1bb106f219b8656f9cce','9ae47e445bac264c2961641fba584968');
+INSERT INTO "uses" VALUES('3113377aa78d1bb106f219b8656f9cce','1fa301afdc696f8b221f36fb2c84968f');
+CREATE INDEX uses_member_id ON uses (member_id);
+DELETE FROM "sqlite_sequence";
+INSERT INTO "sqlite_sequence" VALUES('objects',5);
+COMMIT;
