@@ -12,6 +12,7 @@
     ├── InvalidParameter        422  a parameter out of range, or of the wrong kind
     │   ├── NoObjectFound            nothing to encode in the image
     │   └── InvalidSpec              a mapping spec that describes no function
+    ├── Overloaded              429  as much work as is let in is already there
     ├── NotReady                503  the encoder is still loading
     ├── InvalidModel            500  the model file is unusable: refused at start
     └── UnusableStore           500  the database cannot be opened: refused at start
@@ -103,6 +104,17 @@ class InvalidSpec(InvalidParameter):
     """A mapping spec that describes no function."""
 
     title = "Invalid spec"
+
+
+class Overloaded(HofError):
+    """More work than is let in; `retry_after_s` is when there should be room again."""
+
+    status = 429
+    title = "Overloaded"
+
+    def __init__(self, detail: str, retry_after_s: int) -> None:
+        super().__init__(detail)
+        self.retry_after_s = retry_after_s
 
 
 class NotReady(HofError):
