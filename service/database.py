@@ -30,6 +30,7 @@ from service.errors import UnusableStore
 
 ASYNC_DRIVERS: Final = {"sqlite": "sqlite+aiosqlite", "postgresql": "postgresql+asyncpg"}
 BUSY_TIMEOUT_MS: Final = 10_000
+SQLITE_CONNECTIONS: Final = 4  # each has a thread; of writers one works at a time anyway
 
 METADATA: Final = MetaData()
 objects: Final = Table(
@@ -115,7 +116,7 @@ def _engine(url: URL) -> AsyncEngine:
         return create_async_engine(url, pool_pre_ping=True)
     if url.database:
         Path(url.database).parent.mkdir(parents=True, exist_ok=True)
-    engine = create_async_engine(url)
+    engine = create_async_engine(url, pool_size=SQLITE_CONNECTIONS, max_overflow=0)
     event.listen(engine.sync_engine, "connect", _configure_sqlite)
     return engine
 

@@ -63,7 +63,7 @@ class Runtime:
         return await loop.run_in_executor(self.executor, lambda: function(*args, **kwargs))
 
 
-def runtime(request: Request) -> Runtime:
+async def runtime(request: Request) -> Runtime:  # async: FastAPI would call it on a thread otherwise
     """The service's parts. Raises NotReady before they are opened and after they are closed."""
     parts: Runtime | None = request.app.state.runtime
     if parts is None:

@@ -3,54 +3,25 @@
 import asyncio
 import socket
 import struct
-import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
 
 import httpx
 import pytest
-import tiny_model
-from conftest import Server, image_file, running
-from PIL import Image
+from conftest import Server, running
+from slow import DEADLINE_S, PATH, plain, runtime_of, until
 from starlette.requests import ClientDisconnect
 
+from benchmarks.processes import hof, others, serving, threads
 from service import vital
 from service.admission import Gate
 from service.errors import InvalidModel, InvalidParameter, Overloaded
 from service.points import FIRST_PART, PART, in_flight
-from service.runtime import Runtime
 from service.settings import Settings
 
-TRIPS = 400_000  # of the tiny model's loop: half a second of one core
-DEADLINE_S = 60
-PATH = "/encode?background=keep"
 BIG = "n=10000000&format=f32"
-
-
-def plain(red: int, green: int = 0, blue: int = 255) -> bytes:
-    """A photo of one colour. Black slows the model of this file's tests down, white does not; no blue breaks it."""
-    return image_file(Image.new("RGB", (32, 32), (red, green, blue)))
-
-
-def until(condition: Callable[[], bool]) -> None:
-    """Wait for what other threads bring about."""
-    deadline = time.monotonic() + DEADLINE_S
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.005)
-
-
-def runtime_of(server: Server) -> Runtime:
-    runtime: Runtime = server.config.app.state.runtime  # type: ignore[union-attr]
-    return runtime
-
-
-@pytest.fixture(scope="session")
-def slow_model(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tiny_model.build(tmp_path_factory.mktemp("model") / "slow.onnx", trips=TRIPS)
 
 
 @pytest.fixture
@@ -110,9 +81,8 @@ def test_probes_answer_while_every_worker_is_busy(slow: Server, quick: httpx.Cli
 def test_an_encoder_that_hangs_is_not_ready_and_recovers(
     slow: Server, quick: httpx.Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for name in ("FRESH_S", "SILENCE_S", "PATIENCE_S"):
-        monkeypatch.setattr(vital, name, 0.05)
-    assert quick.get("/health/ready").status_code == 200
+    for name, seconds in {"FRESH_S": 0.0, "PATIENCE_S": 0.05, "SILENCE_S": 0.2}.items():
+        monkeypatch.setattr(vital, name, seconds)
     with ThreadPoolExecutor(1) as pool:
         hanging = pool.submit(quick.post, PATH, content=plain(0))
         until(lambda: quick.get("/health/ready").status_code == 503)
@@ -173,17 +143,19 @@ def test_bytes_of_uploads_are_bounded_and_given_back(settings: Settings) -> None
         assert httpx.post(url, content=iter([plain(255)])).status_code == 200
 
 
-def test_the_number_of_threads_is_bounded(server: Server, client: httpx.Client) -> None:
-    def visit(index: int) -> int:
-        made = client.post(PATH, content=plain(index)).json()
-        return client.get(made["links"]["points"], params={"n": 20_000}).status_code
+def test_the_number_of_threads_is_bounded(model_path: Path) -> None:
+    with (
+        serving(hof(threads=2, model=str(model_path)), others(-1)) as (url, pid),
+        httpx.Client(base_url=url, timeout=DEADLINE_S) as client,
+        ThreadPoolExecutor(64) as pool,
+    ):
 
-    own = threading.active_count()
-    with ThreadPoolExecutor(64) as pool:
-        assert set(pool.map(visit, range(128))) == {200}
-        names = [thread.name for thread in threading.enumerate()]
-    assert len([name for name in names if name.startswith("hof")]) <= 2
-    assert len(names) - own <= 64 + 2
+        def visit(index: int) -> int:
+            made = client.post(PATH, content=plain(index)).json()
+            assert client.get(made["links"]["points"], params={"n": 20_000}).status_code == 200
+            return threads(pid)
+
+        assert max(pool.map(visit, range(64))) <= 8 + 4 * 2  # as the README says
 
 
 def test_an_empty_gate_lets_anything_in_and_a_full_one_nothing() -> None:

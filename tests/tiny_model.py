@@ -49,23 +49,18 @@ def build(
         helper.make_node("Flatten", ["pooled"], ["colour"]),  # (b, 3)
         helper.make_node("Gemm", ["colour", "W", "b"], ["plain" if trips else output]),  # (b, spec.size)
     ]
+    constants: list[TensorProto] = []
     if trips:
         nodes += _trouble("plain", output)
+        values: dict[str, Any] = {"trips": np.float32(trips), "zero": np.float32(0), "on": np.bool_(True)}
+        values |= {"blue": np.int64(2), "tenth": np.float32(0.1), "last": np.array([1], np.int64)}
+        constants = [numpy_helper.from_array(np.asarray(value), name) for name, value in values.items()]
     graph = helper.make_graph(
         nodes,
         "tiny",
         [helper.make_tensor_value_info("image", TensorProto.FLOAT, [batch, 3, SIZE, SIZE])],
         [helper.make_tensor_value_info(output, TensorProto.FLOAT, [batch, matrix.shape[1]])],
-        [
-            numpy_helper.from_array(matrix, "W"),
-            numpy_helper.from_array(b + np.float32(bias), "b"),
-            numpy_helper.from_array(np.float32(trips), "trips"),
-            numpy_helper.from_array(np.float32(0), "zero"),
-            numpy_helper.from_array(np.bool_(True), "on"),
-            numpy_helper.from_array(np.int64(2), "blue"),
-            numpy_helper.from_array(np.float32(0.1), "tenth"),
-            numpy_helper.from_array(np.array([1], np.int64), "last"),
-        ],
+        [numpy_helper.from_array(matrix, "W"), numpy_helper.from_array(b + np.float32(bias), "b"), *constants],
     )
     model: Any = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
     helper.set_model_props(model, metadata(spec) if meta is None else meta)

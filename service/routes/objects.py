@@ -32,7 +32,7 @@ NOT_MODIFIED: Final[dict[int | str, dict[str, Any]]] = {304: {"description": "`I
 MISSING: Final[dict[int | str, dict[str, Any]]] = {404: {"model": Problem, "description": "No object of that id"}}
 
 
-def object_id(id_: Annotated[str, Path(alias="id", description="id of an object")]) -> str:
+async def object_id(id_: Annotated[str, Path(alias="id", description="id of an object")]) -> str:
     """The id of the path. Raises NotFound for what cannot be one, before a database has to make sense of it."""
     if not is_id(id_):
         raise NotFound("there is no object of this id")
