@@ -16,7 +16,7 @@ from typing import Final
 
 import numpy as np
 
-from benchmarks import peers
+from benchmarks.comparison import compare
 from benchmarks.generator import Answers, closed_loop, open_loop, probe
 from benchmarks.photos import photos
 from benchmarks.processes import cpu_s, hof, others, pin_to, serving, status_bytes, threads
@@ -48,7 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     pin_to(others(SERVER_CORE))
     asked: list[Asked] = []
     sections = [batching(asked, 3 if quick else 30), overload(asked, 2 if quick else 60)]
-    sections.append(peers.compare(asked, SERVER_CORE, 1 if quick else 3, 0.5 if quick else 5, arguments.peers))
+    sections.append(compare(asked, SERVER_CORE, 1 if quick else 3, 0.5 if quick else 5, arguments.peers))
     if arguments.soak or quick:
         sections.append(soak(asked, SERVER_CORE, 600 if quick else 200_000))
     page = (

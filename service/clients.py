@@ -1,4 +1,4 @@
-"""Clients that leave: their work ends. What is queued for them is never begun."""
+"""Clients that leave or stall: their work ends. What is queued for them is never begun."""
 
 import asyncio
 from collections.abc import AsyncIterator, Coroutine, Mapping
@@ -7,9 +7,10 @@ from typing import Any, TypeVar
 
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import StreamingResponse
-from starlette.types import Receive, Scope, Send
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.admission import Gate
+from service.errors import Stalled
 
 R = TypeVar("R")
 
@@ -63,3 +64,43 @@ class AdmittedStream(StreamingResponse):
             await super().__call__(scope, receive, send)
             if not self._sent_all:
                 raise ClientDisconnect
+
+
+class Patience:
+    """Ends a request whose client neither sends the next bytes of its body nor takes those of its answer in time.
+
+    It would keep what a gate lets in from others. In the call, `receive` then raises Stalled and `send`
+    ClientDisconnect.
+    """
+
+    def __init__(self, app: ASGIApp, seconds: float) -> None:
+        self._app = app
+        self._seconds = seconds
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass the request on, with a limit on each wait for the client."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        body_ended = False
+
+        async def receive_in_time() -> Message:
+            nonlocal body_ended
+            if body_ended:  # what comes now is that the client leaves
+                return await receive()
+            try:
+                async with asyncio.timeout(self._seconds):
+                    message = await receive()
+            except TimeoutError:
+                raise Stalled(f"no byte of the body came for {self._seconds:g} s") from None
+            body_ended = not message.get("more_body", False)
+            return message
+
+        async def send_in_time(message: Message) -> None:
+            try:
+                async with asyncio.timeout(self._seconds):
+                    await send(message)
+            except TimeoutError:
+                raise ClientDisconnect from None
+
+        await self._app(scope, receive_in_time, send_in_time)

@@ -5,6 +5,7 @@
     │   ├── CorruptImage
     │   └── CorruptWeights
     ├── NotFound                404  no object of that id
+    ├── Stalled                 408  a client that stopped sending
     ├── InUse                   409  an object that a composed object's word names
     ├── NotAcceptable           406  no format satisfies the Accept header
     ├── TooLarge                413  more bytes or pixels than the limit
@@ -57,6 +58,13 @@ class NotFound(HofError):
 
     status = 404
     title = "Not found"
+
+
+class Stalled(HofError):
+    """A body whose next bytes do not come."""
+
+    status = 408
+    title = "Stalled"
 
 
 class InUse(HofError):

@@ -20,6 +20,7 @@ logger: Final = logging.getLogger("uvicorn.error")
 
 MEDIA_TYPE: Final = "application/problem+json"
 HEADERS: Final = {
+    408: {"Connection": "close"},
     413: {"Connection": "close"},  # the rest of the body is unread: the connection cannot be used again
     503: {"Retry-After": "1"},
 }

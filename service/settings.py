@@ -73,6 +73,9 @@ class Settings(BaseSettings):
     max_upload_bytes: int = Field(
         default=128 * MIB, ge=1, description="most bytes of all request bodies at a time; more is a 429"
     )
+    client_timeout_s: float = Field(
+        default=30.0, gt=0, description="longest wait for a client's next bytes, or for it to take ours, seconds"
+    )
     threads: int = Field(
         default_factory=available_cpus,
         ge=1,

@@ -3,6 +3,7 @@
 import socket
 from pathlib import Path
 
+import httpx
 from conftest import running
 from slow import DEADLINE_S, PATH, plain, runtime_of, until
 
@@ -53,3 +54,26 @@ def test_a_client_that_leaves_a_running_image_makes_room_and_stores_nothing(
             while piece := lister.recv(65_536):
                 received += piece
         assert received.count(b'"kind"') == 1
+
+
+def test_an_upload_that_stalls_is_ended_and_frees_its_room(settings: Settings) -> None:
+    with running(settings.model_copy(update={"client_timeout_s": 0.2})) as server:
+        with socket.create_connection(("127.0.0.1", server.port), timeout=DEADLINE_S) as connection:
+            connection.sendall(b"POST /encode HTTP/1.1\r\nHost: x\r\nContent-Length: 1000\r\n\r\nabc")
+            answer = connection.recv(65_536)
+        assert answer.startswith(b"HTTP/1.1 408 ")
+        assert b"connection: close" in answer.lower()
+        gates = runtime_of(server).gates
+        assert (gates.images.held, gates.uploads.held) == (0, 0)
+
+
+def test_a_stream_that_nobody_takes_is_ended_and_frees_its_room(settings: Settings, photo: bytes) -> None:
+    with running(settings.model_copy(update={"client_timeout_s": 0.2})) as server:
+        gate = runtime_of(server).gates.points
+        with httpx.Client(base_url=f"http://127.0.0.1:{server.port}", timeout=DEADLINE_S) as client:
+            path = client.post("/encode", content=photo).json()["links"]["points"]
+            with socket.create_connection(("127.0.0.1", server.port), timeout=DEADLINE_S) as connection:
+                connection.sendall(f"GET {path}?n=10000000 HTTP/1.1\r\nHost: x\r\n\r\n".encode())
+                until(lambda: gate.cancelled == 1)
+                assert gate.held == 0
+            assert client.get(path).status_code == 200

@@ -49,6 +49,7 @@ RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
         "headers": {"Location": {"description": "path of the object", "schema": {"type": "string"}}},
     },
     400: {"model": Problem, "description": "A truncated or corrupt image; a malformed form"},
+    408: {"model": Problem, "description": "The rest of the body does not come"},
     413: {"model": Problem, "description": "More bytes or pixels than the limit"},
     415: {"model": Problem, "description": "The body is no PNG, JPEG or WebP by its content; it is empty, say"},
     422: {"model": Problem, "description": "A faulty parameter, or no object found in the image"},
