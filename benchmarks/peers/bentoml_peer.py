@@ -12,7 +12,7 @@ from benchmarks.peers.work import Work
 from service.store import Store
 
 
-@bentoml.service(workers=1, traffic={"timeout": 60})
+@bentoml.service(workers=1, traffic={"timeout": 60}, logging={"access": {"enabled": False}})
 class Peer:
     """Photo -> stored theta."""
 
