@@ -9,7 +9,7 @@ GLTF := tests/gltf/node_modules/.package-lock.json
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo serve test lint bench results openapi clean
+.PHONY: help demo serve test lint bench load results openapi clean
 
 demo serve: export U2NET_HOME ?= $(dir $(MATTING))
 
@@ -32,6 +32,9 @@ lint: .venv/dev.stamp ## ruff and mypy
 
 bench: .venv/bench.stamp ## measure sampler, decoders and service on an idle machine; writes benchmarks/RESULTS.md
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.run
+
+load: .venv/peers/stamp ## overload, peers and a soak, on an idle machine of two cores; writes benchmarks/LOAD.md
+	$(BIN)/python -m benchmarks.load --soak --peers .venv/peers
 
 results: .venv/dev.stamp .venv/system.stamp ## build the data set, evaluate the shipped model: RESULTS.md
 	$(BIN)/hof-model data build
@@ -61,6 +64,12 @@ clean: ## remove what was installed, cached and written; data sets and runs stay
 
 .venv/bench.stamp: .venv/dev.stamp
 	$(BIN)/pip install --quiet --editable '.[bench]'
+	@touch $@
+
+# Servers to compare with: they pin versions of what the service needs too.
+.venv/peers/stamp: pyproject.toml | .venv/dev.stamp
+	$(PYTHON) -m venv .venv/peers
+	.venv/peers/bin/pip install --quiet --editable . 'litserve>=0.2.10' 'bentoml>=1.4'
 	@touch $@
 
 .venv/system.stamp: tests/system.sh | .venv/bin/python

@@ -1,6 +1,7 @@
 """benchmarks/RESULTS.md and the runtime figure."""
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -26,6 +27,16 @@ class Asked:
     def met(self) -> bool:
         """Whether the measured figure is on the right side of the limit."""
         return self.measured <= self.limit if self.at_most else self.measured >= self.limit
+
+
+def asked_table(asked: Sequence[Asked]) -> str:
+    """What was measured beside what was asked for."""
+    rows = [
+        f"| {item.what} | {item.measured:.2f} | {'<=' if item.at_most else '>='} {item.limit:g} | "
+        f"{'yes' if item.met else '**no**'} |"
+        for item in asked
+    ]
+    return "\n".join(["| figure | measured | asked | met |", "|---|---|---|---|", *rows])
 
 
 @dataclass
@@ -96,18 +107,13 @@ class Report:
     def write(self, path: Path) -> None:
         """Write the page."""
         made = self.made
-        rows = [
-            f"| {item.what} | {item.measured:.2f} | {'<=' if item.at_most else '>='} {item.limit:g} | "
-            f"{'yes' if item.met else '**no**'} |"
-            for item in self.asked
-        ]
         page = (
             "# Benchmarks\n\n"
             f"Written by `make bench`. {made['machine']}; pinned to one core; {made['date']}, seed {made['seed']}, "
             f"commit {made['commit']}. Medians of {self.rounds} rounds (decoders: at most 5), in which all ways run in "
             "turn; every time includes drawing the canonical points, by the same generator for all. "
             f"OPENBLAS_NUM_THREADS={os.environ.get('OPENBLAS_NUM_THREADS', 'unset')}.\n\n"
-            "| figure | measured | asked | met |\n|---|---|---|---|\n" + "\n".join(rows) + "\n\n"
+            f"{asked_table(self.asked)}\n\n"
         )
         path.write_text(page + "\n\n".join(self._sections) + "\n", encoding="utf-8")
 

@@ -13,6 +13,7 @@ from starlette.responses import Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from service import __version__, kernel, problems
+from service.clients import Patience
 from service.encoder import Encoder
 from service.errors import InvalidParameter
 from service.matting import Matting
@@ -53,6 +54,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.state.runtime = None
     problems.install(app)
     app.add_middleware(HeadAsGet)
+    app.add_middleware(Patience, seconds=settings.client_timeout_s)
     for module in (encode, compose, objects, health):
         app.include_router(module.router, responses=RESPONSES)
     _serve_schema(app)

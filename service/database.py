@@ -49,6 +49,7 @@ REMEDIES: Final = {
 # SQLite, to which a quota is an error of input and output, and PostgreSQL (disk_full).
 FULL_SQLITE: Final = {sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR_WRITE, sqlite3.SQLITE_IOERR_SHMSIZE}
 FULL_SQLSTATE: Final = "53100"
+SQLITE_CONNECTIONS: Final = 4  # each has a thread; of writers one works at a time anyway
 
 METADATA: Final = MetaData()
 objects: Final = Table(
@@ -150,7 +151,7 @@ def _engine(url: URL) -> AsyncEngine:
         Path(url.database).parent.mkdir(parents=True, exist_ok=True)
     # Where this fails, aiosqlite would leave a thread behind that fails once more.
     create_engine(url.set(drivername="sqlite")).connect().close()
-    engine = create_async_engine(url)
+    engine = create_async_engine(url, pool_size=SQLITE_CONNECTIONS, max_overflow=0)
     event.listen(engine.sync_engine, "connect", _configure_sqlite)
     return engine
 

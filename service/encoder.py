@@ -71,9 +71,13 @@ class Encoder:
             raise InvalidModel(f"the model {self.name} gave a theta that is not finite")
         return theta
 
+    def blank(self) -> Array:
+        """A white image as input, (1, 3, size, size): what asks for an inference and nothing else."""
+        return np.ones((1, 3, self.framing.size, self.framing.size), np.float32)
+
     def warm_up(self) -> None:
-        """One inference on a white image: allocates what the first request would wait for."""
-        self.encode(np.ones((1, 3, self.framing.size, self.framing.size), np.float32))
+        """One inference: allocates what the first request would wait for."""
+        self.encode(self.blank())
 
     def _check_graph(self) -> None:
         """Refuse metadata that disagrees with the graph."""

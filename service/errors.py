@@ -5,6 +5,7 @@
     │   ├── CorruptImage
     │   └── CorruptWeights
     ├── NotFound                404  no object of that id
+    ├── Stalled                 408  a client that stopped sending
     ├── InUse                   409  an object that a composed object's word names
     ├── NotAcceptable           406  no format satisfies the Accept header
     ├── TooLarge                413  more bytes or pixels than the limit
@@ -12,6 +13,7 @@
     ├── InvalidParameter        422  a parameter out of range, or of the wrong kind
     │   ├── NoObjectFound            nothing to encode in the image
     │   └── InvalidSpec              a mapping spec that describes no function
+    ├── Overloaded              429  as much work as is let in is already there
     ├── NotReady                503  the encoder is still loading
     ├── StoreFull               507  the database has no space for what is written
     ├── InvalidModel            500  the model file is unusable: refused at start
@@ -59,6 +61,13 @@ class NotFound(HofError):
     title = "Not found"
 
 
+class Stalled(HofError):
+    """A body whose next bytes do not come."""
+
+    status = 408
+    title = "Stalled"
+
+
 class InUse(HofError):
     """An object that cannot be removed while the word of a composed object names it."""
 
@@ -104,6 +113,17 @@ class InvalidSpec(InvalidParameter):
     """A mapping spec that describes no function."""
 
     title = "Invalid spec"
+
+
+class Overloaded(HofError):
+    """More work than is let in; `retry_after_s` is when there should be room again."""
+
+    status = 429
+    title = "Overloaded"
+
+    def __init__(self, detail: str, retry_after_s: int) -> None:
+        super().__init__(detail)
+        self.retry_after_s = retry_after_s
 
 
 class NotReady(HofError):

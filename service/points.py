@@ -92,6 +92,11 @@ def check_size(fmt: PointFormat, n: int, max_points: int) -> None:
         raise InvalidParameter(f"n is {n}, {fmt.name} holds at most {fmt.max_points} points", field="n")
 
 
+def in_flight(n: int, ahead: int) -> int:
+    """How many points of n a stream has at a time, computed or being computed; a small one counts for a first part."""
+    return min(max(n, FIRST_PART), (ahead + 1) * PART)
+
+
 async def stream(fmt: PointFormat, cloud: Cloud, run: Run, ahead: int) -> AsyncIterator[bytes]:
     """The file of a cloud, piece by piece.
 

@@ -13,13 +13,14 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse
 from starlette.routing import compile_path
 
-from service.errors import HofError, InvalidParameter
+from service.errors import HofError, InvalidParameter, Overloaded
 from service.schemas import FieldError, Problem
 
 logger: Final = logging.getLogger("uvicorn.error")
 
 MEDIA_TYPE: Final = "application/problem+json"
 HEADERS: Final = {
+    408: {"Connection": "close"},
     413: {"Connection": "close"},  # the rest of the body is unread: the connection cannot be used again
     503: {"Retry-After": "1"},
 }
@@ -72,6 +73,8 @@ async def _domain(request: Request, error: HofError) -> JSONResponse:
     problem = Problem(
         type=_type(error.title), title=error.title, status=error.status, detail=error.detail, errors=errors
     )
+    if isinstance(error, Overloaded):
+        return _respond(problem, {"Retry-After": str(error.retry_after_s)})
     return _respond(problem, HEADERS.get(error.status))
 
 

@@ -1,19 +1,24 @@
 """What every request needs and the application opens once: settings, models, store, worker threads."""
 
 import asyncio
+import math
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated, ParamSpec, TypeVar
 
 from fastapi import Depends
 from starlette.requests import Request
 
+from service.admission import Gates
+from service.batcher import Batcher
 from service.encoder import Encoder
 from service.errors import NotReady
 from service.matting import Matting
 from service.settings import Settings
 from service.store import Store
+from service.vital import Vital
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -21,7 +26,14 @@ R = TypeVar("R")
 
 @dataclass(frozen=True)
 class Runtime:
-    """The opened parts of a running service; `matting` is None where no such model is set."""
+    """The opened parts of a running service; `matting` is None where no such model is set.
+
+    Attributes
+    ----------
+    gates : what bounds the work that is let in.
+    batcher : the encoder, shared by those who wait for it.
+    vitals : the parts that a ready service needs, by the words for it.
+    """
 
     settings: Settings
     encoder: Encoder
@@ -29,13 +41,29 @@ class Runtime:
     store: Store
     executor: Executor
 
+    @cached_property
+    def gates(self) -> Gates:  # noqa: D102
+        return Gates.of(self.settings)
+
+    @cached_property
+    def batcher(self) -> Batcher:  # noqa: D102
+        return Batcher(self.encoder.encode, self.run)
+
+    @cached_property
+    def vitals(self) -> dict[str, Vital]:  # noqa: D102
+        blank = self.encoder.blank()
+        return {
+            "encoder": Vital(lambda: self.batcher.encode(blank), lambda: self.batcher.answered_at),
+            "store": Vital(self.store.ping, lambda: -math.inf),
+        }
+
     async def run(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
         """Call a function that computes on a worker thread, off the event loop."""
         loop = asyncio.get_running_loop()
         return await loop.run_in_executor(self.executor, lambda: function(*args, **kwargs))
 
 
-def runtime(request: Request) -> Runtime:
+async def runtime(request: Request) -> Runtime:  # async: FastAPI would call it on a thread otherwise
     """The service's parts. Raises NotReady before they are opened and after they are closed."""
     parts: Runtime | None = request.app.state.runtime
     if parts is None:

@@ -3,7 +3,7 @@
 import base64
 from dataclasses import asdict
 from datetime import datetime
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Final, Literal
 
 import numpy as np
 from pydantic import BaseModel, Field
@@ -172,6 +172,13 @@ class Problem(BaseModel):
     status: int = Field(examples=[422])
     detail: str = Field(examples=["n: Input should be less than or equal to 10000000"])
     errors: list[FieldError] | SkipJsonSchema[None] = Field(default=None, description="one entry a faulty parameter")
+
+
+OVERLOADED: Final[dict[str, Any]] = {
+    "model": Problem,
+    "description": "The service has as much work as it lets in",
+    "headers": {"Retry-After": {"description": "when to try again, seconds", "schema": {"type": "integer"}}},
+}
 
 
 def base64_of(theta: Array) -> str:

@@ -16,6 +16,7 @@ from service.images import DEFAULT_MAX_PIXELS
 
 SHIPPED_MODEL: Final = Path(__file__).resolve().parent.parent / "model" / "weights" / "hof1-k2.onnx"
 POINTS_CEILING: Final = 10_000_000  # the API's promise; `max_points` may only lower it
+POINTS_PER_CPU: Final = 4_000_000  # in flight: about a second of work
 MIB: Final = 2**20
 
 
@@ -61,6 +62,20 @@ class Settings(BaseSettings):
     max_image_pixels: int = Field(default=DEFAULT_MAX_PIXELS, ge=1, description="largest image accepted, pixels in all")
     max_weights_bytes: int = Field(default=8 * MIB, ge=1, description="largest weights file accepted, bytes")
     max_points: int = Field(default=POINTS_CEILING, ge=1, le=POINTS_CEILING, description="most points of one request")
+    max_queued_images: int = Field(
+        default=128, ge=1, description="most images that are sent, wait or are encoded at a time; more is a 429"
+    )
+    max_points_in_flight: int = Field(
+        default_factory=lambda: POINTS_PER_CPU * available_cpus(),
+        ge=1,
+        description="most points that are computed or being sent at a time; default: 4 million for each CPU",
+    )
+    max_upload_bytes: int = Field(
+        default=128 * MIB, ge=1, description="most bytes of all request bodies at a time; more is a 429"
+    )
+    client_timeout_s: float = Field(
+        default=30.0, gt=0, description="longest wait for a client's next bytes, or for it to take ours, seconds"
+    )
     threads: int = Field(
         default_factory=available_cpus,
         ge=1,

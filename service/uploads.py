@@ -11,6 +11,12 @@ from service.errors import InvalidInput, InvalidParameter, TooLarge
 FORM_OVERHEAD_BYTES: Final = 16_384  # boundaries and headers of a one-field form
 
 
+def size_ahead(request: Request, max_bytes: int) -> int:
+    """Bytes that a body will take, at least 1: as it declares, else as many as it may."""
+    declared = request.headers.get("content-length", "")
+    return max(1, min(int(declared), max_bytes)) if declared.isdecimal() else max_bytes
+
+
 async def read_body(request: Request, max_bytes: int) -> bytes:
     """The whole body. Raises TooLarge as soon as it is known to exceed `max_bytes`."""
     declared = request.headers.get("content-length", "")

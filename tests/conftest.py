@@ -41,6 +41,12 @@ def model_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tiny_model.build(tmp_path_factory.mktemp("model") / "tiny-k2.onnx")
 
 
+@pytest.fixture(scope="session")
+def slow_model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """As `model_path`, but it takes half a second for a black photo."""
+    return tiny_model.build(tmp_path_factory.mktemp("model") / "slow.onnx", trips=400_000)
+
+
 @pytest.fixture(autouse=True)
 def _no_matting_unless_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("U2NET_HOME", raising=False)

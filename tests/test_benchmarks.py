@@ -54,3 +54,12 @@ def test_the_benchmark_writes_its_tables(tmp_path: Path) -> None:
     for row in ("| ours, NumPy |", "| ours, [fast] |", "| naive NumPy |", "| HOF-1, k = 2 |", "| DeepSDF |", "asked"):
         assert row in text
     assert (tmp_path / "runtime.png").stat().st_size > 10_000
+
+
+def test_the_load_writes_its_tables(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "benchmarks.load", "--quick", "-o", str(tmp_path)]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=RUN_TIMEOUT_S, check=False, cwd=ROOT)
+    assert (run.returncode, run.stderr) == (0, "")
+    text = (tmp_path / "LOAD.md").read_text()
+    for row in ("## Batching", "## Overload", "| bare FastAPI |", "| ours, a repeated photo |", "## Soak"):
+        assert row in text

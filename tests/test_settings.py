@@ -41,6 +41,10 @@ def test_environment_sets_every_field(monkeypatch: pytest.MonkeyPatch) -> None:
         "max_image_pixels": 2,
         "max_weights_bytes": 3,
         "max_points": 4,
+        "max_queued_images": 6,
+        "max_points_in_flight": 7,
+        "max_upload_bytes": 8,
+        "client_timeout_s": 9.5,
         "threads": 5,
         "log_level": "error",
     }

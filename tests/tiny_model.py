@@ -45,26 +45,70 @@ def build(
     bias: float = 0.0,
     batch: str | int = "batch",
     output: str = "theta",
+    trips: int = 0,
 ) -> Path:
-    """Write the model; the keywords make it wrong in one way each."""
+    """Write the model; the keywords make it wrong in one way each, but for `trips`: see `_trouble`."""
     matrix, b = parameters(spec)
     nodes = [
         helper.make_node("GlobalAveragePool", ["image"], ["pooled"]),  # (b, 3, 1, 1)
         helper.make_node("Flatten", ["pooled"], ["colour"]),  # (b, 3)
-        helper.make_node("Gemm", ["colour", "W", "b"], [output]),  # (b, spec.size)
+        helper.make_node("Gemm", ["colour", "W", "b"], ["plain" if trips else output]),  # (b, spec.size)
     ]
+    constants: list[TensorProto] = []
+    if trips:
+        nodes += _trouble("plain", output)
+        values: dict[str, Any] = {"trips": np.float32(trips), "zero": np.float32(0), "on": np.bool_(True)}
+        values |= {"blue": np.int64(2), "tenth": np.float32(0.1), "last": np.array([1], np.int64)}
+        constants = [numpy_helper.from_array(np.asarray(value), name) for name, value in values.items()]
     graph = helper.make_graph(
         nodes,
         "tiny",
         [helper.make_tensor_value_info("image", TensorProto.FLOAT, [batch, 3, SIZE, SIZE])],
         [helper.make_tensor_value_info(output, TensorProto.FLOAT, [batch, matrix.shape[1]])],
-        [numpy_helper.from_array(matrix, "W"), numpy_helper.from_array(b + np.float32(bias), "b")],
+        [numpy_helper.from_array(matrix, "W"), numpy_helper.from_array(b + np.float32(bias), "b"), *constants],
     )
     model: Any = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
     helper.set_model_props(model, metadata(spec) if meta is None else meta)
     onnx.checker.check_model(model)
     onnx.save(model, str(path))
     return path
+
+
+def _trouble(plain: str, output: str) -> list[Any]:
+    """What makes the network slow for dark images, and fail for those without blue.
+
+    It turns `trips` times a loop that does nothing where a batch's darkest channel is black, never where it is white.
+    theta is not finite where the mean blue is below 0.1.
+    """
+    body = helper.make_graph(
+        [
+            helper.make_node("Identity", ["on_in"], ["on_out"]),
+            helper.make_node("Identity", ["state_in"], ["state_out"]),
+        ],
+        "nothing",
+        [
+            helper.make_tensor_value_info("trip", TensorProto.INT64, []),
+            helper.make_tensor_value_info("on_in", TensorProto.BOOL, []),
+            helper.make_tensor_value_info("state_in", TensorProto.FLOAT, []),
+        ],
+        [
+            helper.make_tensor_value_info("on_out", TensorProto.BOOL, []),
+            helper.make_tensor_value_info("state_out", TensorProto.FLOAT, []),
+        ],
+    )
+    return [
+        helper.make_node("ReduceMin", ["colour"], ["darkest"], keepdims=0),
+        helper.make_node("Mul", ["darkest", "trips"], ["spared"]),
+        helper.make_node("Sub", ["trips", "spared"], ["turns"]),
+        helper.make_node("Cast", ["turns"], ["count"], to=TensorProto.INT64),
+        helper.make_node("Loop", ["count", "on", "zero"], ["nothing"], body=body),
+        helper.make_node("Gather", ["colour", "blue"], ["b_mean"], axis=1),  # (b,)
+        helper.make_node("Sub", ["b_mean", "tenth"], ["above"]),
+        helper.make_node("Sqrt", ["above"], ["root"]),
+        helper.make_node("Mul", ["root", "nothing"], ["nothing_or_nan"]),
+        helper.make_node("Unsqueeze", ["nothing_or_nan", "last"], ["column"]),  # (b, 1)
+        helper.make_node("Add", [plain, "column"], [output]),
+    ]
 
 
 def theta_of(tensor: Array, spec: MappingSpec = SPEC) -> Array:

@@ -9,13 +9,15 @@ from pydantic import ValidationError
 from starlette.requests import Request
 from starlette.responses import Response
 
+from service.clients import while_there
 from service.composition import Proposal, check_values, propose
 from service.errors import InvalidInput, NotFound
 from service.ids import is_id
 from service.mapping import Array
+from service.points import PROBE_POINTS
 from service.queries import Composition, NoQuery
 from service.runtime import Ready, Runtime
-from service.schemas import ComposedObjects, Problem, StoredObject
+from service.schemas import OVERLOADED, ComposedObjects, Problem, StoredObject
 from service.store import Record
 from service.uploads import read_body
 
@@ -39,6 +41,7 @@ RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
         "`errors` tells which",
     },
     507: {"model": Problem, "description": "The store has no space left; no object of the call is kept"},
+    429: OVERLOADED,
 }
 
 
@@ -58,8 +61,9 @@ async def compose(
     """
     asked = await _read(request)
     members = await _members(runtime, asked.objects)
-    proposals = await runtime.run(propose, members, asked.mode)
-    records, any_new = await _keep(runtime, proposals)
+    with runtime.gates.points.admit(PROBE_POINTS * len(members)):
+        proposals = await while_there(request, runtime.run(propose, members, asked.mode))
+        records, any_new = await _keep(request, runtime, proposals)
     if any_new:
         response.status_code = 201
     shown = [StoredObject.of(record) for record in records]
@@ -93,11 +97,11 @@ async def _members(runtime: Runtime, ids: Sequence[str]) -> list[tuple[Record, A
     return members
 
 
-async def _keep(runtime: Runtime, proposals: Sequence[Proposal]) -> tuple[list[Record], bool]:
+async def _keep(request: Request, runtime: Runtime, proposals: Sequence[Proposal]) -> tuple[list[Record], bool]:
     """The objects as they are kept, and whether any is new. What cannot be sampled is refused before any is kept."""
     kept = await runtime.store.records([proposal.record.id for proposal in proposals])
     fresh = [proposal for proposal in proposals if proposal.record.id not in kept]
     if not fresh:
         return [kept[proposal.record.id] for proposal in proposals], False
-    await runtime.run(check_values, fresh)
+    await while_there(request, runtime.run(check_values, fresh))
     return await runtime.store.put_all([(proposal.record, proposal.theta) for proposal in proposals])

@@ -8,15 +8,16 @@ from fastapi import APIRouter, Query
 from starlette.requests import Request
 from starlette.responses import Response
 
+from service.clients import while_there
 from service.errors import InvalidParameter
 from service.ids import encoded_id
 from service.images import Framed, Framing, preprocess
 from service.mapping import Array
 from service.queries import EncodeQuery
 from service.runtime import Ready, Runtime
-from service.schemas import EncodedObject, EncodedWeights, ImageReport, Problem, Spec, base64_of
+from service.schemas import OVERLOADED, EncodedObject, EncodedWeights, ImageReport, Problem, Spec, base64_of
 from service.store import Record
-from service.uploads import read_image
+from service.uploads import read_image, size_ahead
 
 router = APIRouter()
 
@@ -48,10 +49,12 @@ RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
         "headers": {"Location": {"description": "path of the object", "schema": {"type": "string"}}},
     },
     400: {"model": Problem, "description": "A truncated or corrupt image; a malformed form"},
+    408: {"model": Problem, "description": "The rest of the body does not come"},
     413: {"model": Problem, "description": "More bytes or pixels than the limit"},
     415: {"model": Problem, "description": "The body is no PNG, JPEG or WebP by its content; it is empty, say"},
     422: {"model": Problem, "description": "A faulty parameter, or no object found in the image"},
     507: {"model": Problem, "description": "The store has no space left; the object is not kept"},
+    429: OVERLOADED,
 }
 
 
@@ -71,24 +74,30 @@ async def encode(
     The id is a digest of the image's bytes, how it was framed, and the models: a repeat answers 200 with
     the same object and costs no inference; mattes are remembered for the last photos.
     """
-    encoder, settings = runtime.encoder, runtime.settings
+    encoder, settings, gates = runtime.encoder, runtime.settings, runtime.gates
     if query.model not in (None, encoder.name):
         raise InvalidParameter(f"no such model is loaded; there is {encoder.name}", field="model")
-    image = await read_image(request, settings.max_image_bytes)
     framing = encoder.framing
     if query.foreground_ratio is not None:
         framing = replace(framing, foreground_ratio=query.foreground_ratio)
-    framed = await runtime.run(preprocess, image, framing, query.background, settings.max_image_pixels, runtime.matting)
-    if not query.store:
-        return _weights(runtime, framed, await _infer(runtime, framed))
-    record, theta, created = await _put(runtime, image, framing, framed)
+    max_bytes, max_pixels = settings.max_image_bytes, settings.max_image_pixels
+    with gates.images.admit(), gates.uploads.admit(size_ahead(request, max_bytes)):
+        image = await read_image(request, max_bytes)
+        work = runtime.run(preprocess, image, framing, query.background, max_pixels, runtime.matting)
+        framed = await while_there(request, work)
+        if not query.store:
+            theta = await while_there(request, runtime.batcher.encode(framed.tensor))
+            return _weights(runtime, framed, theta)
+        record, theta, created = await _put(request, runtime, image, framing, framed)
     if created:
         response.status_code = 201
         response.headers["Location"] = f"/objects/{record.id}"
     return EncodedObject.of_image(record, framed, theta if query.include == "weights" else None)
 
 
-async def _put(runtime: Runtime, image: bytes, framing: Framing, framed: Framed) -> tuple[Record, Array, bool]:
+async def _put(
+    request: Request, runtime: Runtime, image: bytes, framing: Framing, framed: Framed
+) -> tuple[Record, Array, bool]:
     """The object of a framed image, its theta, and whether it is new."""
     encoder, store = runtime.encoder, runtime.store
     models = [encoder.digest]
@@ -98,16 +107,11 @@ async def _put(runtime: Runtime, image: bytes, framing: Framing, framed: Framed)
     known = await store.find(object_id)
     if known is not None:
         return *known, False
-    theta = await _infer(runtime, framed)
+    theta = await while_there(request, runtime.batcher.encode(framed.tensor))
     record, created = await store.put(
         Record(object_id, "encoded", encoder.name, encoder.spec, datetime.now(UTC)), theta
     )
     return record, theta, created
-
-
-async def _infer(runtime: Runtime, framed: Framed) -> Array:
-    theta: Array = (await runtime.run(runtime.encoder.encode, framed.tensor))[0]
-    return theta
 
 
 def _weights(runtime: Runtime, framed: Framed, theta: Array) -> EncodedWeights:

@@ -4,7 +4,6 @@ from dataclasses import asdict
 from typing import Annotated
 
 from fastapi import APIRouter, Query
-from sqlalchemy.exc import SQLAlchemyError
 from starlette.requests import Request
 
 from service.errors import NotReady
@@ -23,13 +22,12 @@ async def live(query: Annotated[NoQuery, Query()]) -> Health:
 
 @router.get("/health/ready", tags=["health"])
 async def ready(request: Request, query: Annotated[NoQuery, Query()], runtime: Ready) -> Health:
-    """The encoder is loaded and warm, the store answers, and the service is not about to stop."""
+    """The service is not about to stop, and encoder and store answer: asked, under load they may take their time."""
     if getattr(request.state, "draining", False):
         raise NotReady("the service is stopping")
-    try:
-        await runtime.store.ping()
-    except (SQLAlchemyError, OSError) as error:
-        raise NotReady("the store does not answer") from error
+    for name, vital in runtime.vitals.items():
+        if not await vital.works():
+            raise NotReady(f"the {name} does not answer")
     return Health(status="ready")
 
 

@@ -8,17 +8,18 @@ from starlette.requests import Request
 from starlette.responses import Response, StreamingResponse
 
 from service.caching import CACHE_CONTROL, accepts_gzip, etag, is_fresh
+from service.clients import AdmittedStream, while_there
 from service.errors import InvalidParameter, NotFound
 from service.formats import POINT_FORMATS, negotiate
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
 from service.ids import imported_id, is_id
 from service.mapping import word_of
-from service.points import check_finite, check_size, gzipped, stream
+from service.points import PROBE_POINTS, check_finite, check_size, gzipped, in_flight, stream
 from service.queries import NoQuery, PageQuery, PointsQuery, WeightsQuery
 from service.runtime import Ready
-from service.schemas import ObjectPage, Problem, StoredObject
+from service.schemas import OVERLOADED, ObjectPage, Problem, StoredObject
 from service.store import Record
-from service.uploads import read_body
+from service.uploads import read_body, size_ahead
 
 router = APIRouter(prefix="/objects", tags=["objects"])
 BINARY: Final = {"schema": {"type": "string", "format": "binary"}}
@@ -31,7 +32,7 @@ NOT_MODIFIED: Final[dict[int | str, dict[str, Any]]] = {304: {"description": "`I
 MISSING: Final[dict[int | str, dict[str, Any]]] = {404: {"model": Problem, "description": "No object of that id"}}
 
 
-def object_id(id_: Annotated[str, Path(alias="id", description="id of an object")]) -> str:
+async def object_id(id_: Annotated[str, Path(alias="id", description="id of an object")]) -> str:
     """The id of the path. Raises NotFound for what cannot be one, before a database has to make sense of it."""
     if not is_id(id_):
         raise NotFound("there is no object of this id")
@@ -65,6 +66,7 @@ async def page_of_objects(query: Annotated[PageQuery, Query()], runtime: Ready) 
             "description": "A spec that describes no function; a composed object's file; an unknown parameter",
         },
         507: {"model": Problem, "description": "The store has no space left; the object is not kept"},
+        429: OVERLOADED,
     },
     openapi_extra={"requestBody": {"required": True, "content": {"application/octet-stream": BINARY}}},
 )
@@ -75,12 +77,13 @@ async def import_object(
 
     The file of a composed object is refused: an object is one function. Post those of its word, and compose them.
     """
-    body = await read_body(request, runtime.settings.max_weights_bytes)
-    weights = await runtime.run(_finite_weights, body)
-    record, created = await runtime.store.put(
-        Record(imported_id(weights.spec, weights.theta), "imported", weights.model, weights.spec, datetime.now(UTC)),
-        weights.theta,
-    )
+    max_bytes = runtime.settings.max_weights_bytes
+    with runtime.gates.points.admit(PROBE_POINTS), runtime.gates.uploads.admit(size_ahead(request, max_bytes)):
+        body = await read_body(request, max_bytes)
+        weights = await while_there(request, runtime.run(_finite_weights, body))
+        object_id = imported_id(weights.spec, weights.theta)
+        record = Record(object_id, "imported", weights.model, weights.spec, datetime.now(UTC))
+        record, created = await runtime.store.put(record, weights.theta)
     if created:
         response.status_code = 201
         response.headers["Location"] = f"/objects/{record.id}"
@@ -120,6 +123,7 @@ async def delete_object(id_: ObjectId, query: Annotated[NoQuery, Query()], runti
             "headers": FILE_HEADERS,
         },
         406: {"model": Problem, "description": "No format satisfies `Accept`"},
+        429: OVERLOADED,
     },
 )
 async def points(request: Request, id_: ObjectId, query: Annotated[PointsQuery, Query()], runtime: Ready) -> Response:
@@ -144,10 +148,11 @@ async def points(request: Request, id_: ObjectId, query: Annotated[PointsQuery, 
         headers["Content-Encoding"] = "gzip"
     if "hof.head" in request.scope:
         return Response(headers=headers, media_type=fmt.media_type)
-    pieces = stream(fmt, cloud, runtime.run, ahead=runtime.settings.threads)
+    ahead = runtime.settings.threads
+    pieces = stream(fmt, cloud, runtime.run, ahead)
     if squeezed:
         pieces = gzipped(pieces, runtime.run)
-    return StreamingResponse(pieces, headers=headers, media_type=fmt.media_type)
+    return AdmittedStream(pieces, runtime.gates.points, in_flight(query.n, ahead), headers, fmt.media_type)
 
 
 @router.get(
@@ -160,7 +165,8 @@ async def points(request: Request, id_: ObjectId, query: Annotated[PointsQuery, 
             "description": "theta in the chosen format",
             "content": {fmt.media_type: BINARY for fmt in WEIGHT_FORMATS.values()},
             "headers": FILE_HEADERS,
-        }
+        },
+        429: OVERLOADED,
     },
 )
 async def weights(request: Request, id_: ObjectId, query: Annotated[WeightsQuery, Query()], runtime: Ready) -> Response:
@@ -173,7 +179,9 @@ async def weights(request: Request, id_: ObjectId, query: Annotated[WeightsQuery
     if is_fresh(request.headers.get("if-none-match"), headers["ETag"]):
         return Response(status_code=304, headers=headers)
     word = record.members if record.kind == "composed" else ()
-    data = await runtime.run(dump, Weights(record.spec, theta, record.model, word), query.format)
+    kept = Weights(record.spec, theta, record.model, word)
+    with runtime.gates.points.admit(PROBE_POINTS):
+        data = await while_there(request, runtime.run(dump, kept, query.format))
     fmt = WEIGHT_FORMATS[query.format]
     return Response(data, headers=headers | _attachment(id_, fmt.extension), media_type=fmt.media_type)
 

@@ -1,0 +1,56 @@
+"""LitServe: its batching with the same batch as ours, the store in its worker process."""
+
+import asyncio
+import os
+import sys
+from typing import Annotated, Any
+
+import litserve
+from fastapi import Body
+
+from benchmarks.peers.work import Work
+from service.batcher import MAX_BATCH
+from service.store import Store
+
+
+class Api(litserve.LitAPI):  # type: ignore[misc]
+    """Photo -> stored theta."""
+
+    def setup(self, device: str) -> None:
+        """Load the model, open the store."""
+        self._work = Work()
+        self._loop = asyncio.new_event_loop()
+        self._store = self._loop.run_until_complete(Store.open(os.environ["HOF_DATABASE_URL"]))
+
+    def decode_request(self, request: Annotated[bytes, Body()]) -> bytes:
+        """The photo's bytes."""
+        return request
+
+    def batch(self, inputs: list[bytes]) -> list[bytes]:
+        """As they are."""
+        return list(inputs)
+
+    def predict(self, inputs: list[bytes]) -> list[dict[str, Any]]:
+        """One call of the encoder for all."""
+        made = self._work.encode_all(inputs)
+        self._loop.run_until_complete(self._put(made))
+        return [answer for _, _, answer in made]
+
+    async def _put(self, made: list[Any]) -> None:
+        await asyncio.gather(*(self._store.put(record, theta) for record, theta, _ in made))
+
+    def unbatch(self, output: list[dict[str, Any]]) -> list[dict[str, Any]]:
+        """As they are."""
+        return output
+
+    def encode_response(self, output: dict[str, Any]) -> dict[str, Any]:
+        """JSON."""
+        return output
+
+
+if __name__ == "__main__":
+    api = Api(max_batch_size=MAX_BATCH, batch_timeout=0.001, api_path="/encode")
+    server = litserve.LitServer(api, accelerator="cpu", workers_per_device=1, timeout=60)
+    server.run(
+        port=int(sys.argv[1]), host="127.0.0.1", num_api_servers=1, generate_client_file=False, log_level="warning"
+    )

@@ -1,0 +1,33 @@
+"""Photos for load: each other bytes, so that each is encoded, and all cost the same to decode."""
+
+import io
+import itertools
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFilter
+
+SIDE: Final = 512
+KINDS: Final = 24
+
+
+def photos(seed: int = 0) -> Iterator[bytes]:
+    """JPEGs without end, 512 x 512: shapes with a grain on white, of some kinds, each with a comment of its own."""
+    kinds = [_photo(seed * KINDS + index) for index in range(KINDS)]
+    for number in itertools.count():
+        comment = f"{seed}-{number}".encode()
+        data = kinds[number % KINDS]
+        yield data[:2] + b"\xff\xfe" + (len(comment) + 2).to_bytes(2, "big") + comment + data[2:]
+
+
+def _photo(seed: int) -> bytes:
+    dice = np.random.default_rng(seed)
+    grain = dice.integers(0, 255, (SIDE, SIDE, 3), np.uint8)
+    texture = Image.fromarray(grain).filter(ImageFilter.GaussianBlur(3))
+    mask = Image.new("L", (SIDE, SIDE))
+    left, top, right, bottom = (int(edge) for edge in dice.integers((40, 40, 300, 300), (200, 200, 470, 470)))
+    ImageDraw.Draw(mask).ellipse((left, top, right, bottom), fill=255)
+    buffer = io.BytesIO()
+    Image.composite(texture, Image.new("RGB", (SIDE, SIDE), "white"), mask).save(buffer, "JPEG", quality=90)
+    return buffer.getvalue()

@@ -1,0 +1,114 @@
+"""Servers as processes of their own, pinned to a core, and what the kernel tells about them. Linux."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Final
+
+import httpx
+
+ROOT: Final = Path(__file__).resolve().parent.parent
+START_TIMEOUT_S: Final = 120
+STOP_TIMEOUT_S: Final = 20
+
+
+def hof(threads: int, **settings: str | int) -> list[str]:
+    """The command of our own service; `{port}` stands for its port."""
+    flags = [f"--{name.replace('_', '-')}={value}" for name, value in settings.items()]
+    return [str(Path(sys.executable).with_name("hof")), "serve", "--port={port}", f"--threads={threads}", *flags]
+
+
+@contextmanager
+def serving(
+    command: Sequence[str], cores: set[int], ready: str = "/health/ready", environment: Mapping[str, str] | None = None
+) -> Iterator[tuple[str, int]]:
+    """Start a server and its children on some cores, with a store of its own; its URL and pid. Ends them all."""
+    with tempfile.TemporaryDirectory() as folder:
+        port = _free_port()
+        set_for_all = {
+            "HOF_DATABASE_URL": f"sqlite:///{folder}/hof.db",
+            "HOF_LOG_LEVEL": "warning",
+            "PYTHONPATH": str(ROOT),
+            "OPENBLAS_NUM_THREADS": "1",
+            "OMP_NUM_THREADS": "1",
+        }
+        server = subprocess.Popen(  # noqa: S603
+            [part.replace("{port}", str(port)) for part in command],
+            env={**os.environ, **set_for_all, **(environment or {})},
+            start_new_session=True,
+            preexec_fn=lambda: os.sched_setaffinity(0, cores),  # its children too
+        )
+        try:
+            _wait(f"http://127.0.0.1:{port}{ready}", server)
+            yield f"http://127.0.0.1:{port}", server.pid
+        finally:
+            server.terminate()
+            try:
+                server.wait(STOP_TIMEOUT_S)
+            except subprocess.TimeoutExpired:
+                os.killpg(server.pid, signal.SIGKILL)  # its own session: nobody else is in it
+                server.wait()
+
+
+def _free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port: int = probe.getsockname()[1]
+    return port
+
+
+def _wait(url: str, server: subprocess.Popen[bytes]) -> None:
+    deadline = time.monotonic() + START_TIMEOUT_S
+    while time.monotonic() < deadline and server.poll() is None:
+        try:
+            if httpx.get(url).status_code == httpx.codes.OK:
+                return
+        except httpx.TransportError:
+            pass
+        time.sleep(0.1)
+    raise RuntimeError(f"{server.args!r} did not become ready")
+
+
+def pin_to(cores: set[int]) -> None:
+    """Keep this process on some cores."""
+    os.sched_setaffinity(0, cores)
+
+
+def others(core: int) -> set[int]:
+    """The machine's other cores; the same where there is but one."""
+    return set(range(os.cpu_count() or 1)) - {core} or {core}
+
+
+def status_bytes(pid: int, field: str) -> int:
+    """VmRSS, VmHWM and the like."""
+    for line in Path(f"/proc/{pid}/status").read_text("ascii").splitlines():
+        if line.startswith(f"{field}:"):
+            return int(line.split()[1]) * 1024
+    raise RuntimeError(f"/proc/{pid}/status has no {field}")
+
+
+def reset_peak(pid: int) -> None:
+    """Let VmHWM begin anew."""
+    Path(f"/proc/{pid}/clear_refs").write_text("5", "ascii")
+
+
+def threads(pid: int) -> int:
+    """How many threads a process has."""
+    return sum(1 for _ in Path(f"/proc/{pid}/task").iterdir())
+
+
+def cpu_s(pid: int) -> float:
+    """Processor time of all its threads so far, to the nanosecond."""
+    nanoseconds = 0
+    for task in Path(f"/proc/{pid}/task").iterdir():
+        try:
+            nanoseconds += int((task / "schedstat").read_text("ascii").split()[0])
+        except OSError:  # a thread that ended meanwhile
+            continue
+    return nanoseconds / 1e9

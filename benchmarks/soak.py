@@ -1,0 +1,129 @@
+"""The soak: mixed requests in their hundred thousands, and whether memory grows with them."""
+
+import asyncio
+import random
+import time
+from collections import Counter
+from typing import Final
+
+import aiohttp
+import numpy as np
+
+from benchmarks.generator import session
+from benchmarks.photos import photos
+from benchmarks.processes import hof, serving, status_bytes
+from benchmarks.report import Asked
+
+CLIENTS: Final = 8
+SAMPLES: Final = 400  # of resident memory
+WARM_UP: Final = 0.3  # of the requests: the allocators have seen every size by then
+BLOCKS: Final = 10  # of the samples; their slopes tell how sure the whole one is
+LEAVE_AFTER_S: Final = 0.002
+MIB: Final = 2**20
+
+
+def soak(asked: list[Asked], core: int, requests: int) -> str:
+    """Send so many requests of every kind and fit a line to the server's resident memory."""
+    start = time.perf_counter()
+    with serving(hof(threads=1), {core}) as (url, pid):
+        memory, statuses = asyncio.run(_drive(url, pid, requests))
+    took = time.perf_counter() - start
+    slope, error = _slope(memory[int(WARM_UP * len(memory)) :], int((1 - WARM_UP) * requests))
+    failed = sum(count for status, count in statuses.items() if status >= 500)
+    asked += [
+        Asked("soak: slope of resident memory over its standard error", slope / error, 2, at_most=True),
+        Asked("soak: answers of 5xx", failed, 0, at_most=True),
+    ]
+    told = ", ".join(f"{status or 'left'}: {count:,}" for status, count in sorted(statuses.items()))
+    return (
+        f"## Soak: {requests:,} mixed requests, {CLIENTS} clients, {took:.0f} s\n\n"
+        "New photos, repeats, points in four formats, weights, lists, bad bodies, unknown ids, clients that leave. "
+        f"Answers by status: {told}.\n\nResident memory after the first {WARM_UP:.0%}: {memory[-1] / MIB:.1f} "
+        f"MiB at the end, {slope / MIB:+.2f} MiB per 100,000 requests, standard error {error / MIB:.2f}."
+    )
+
+
+def _slope(memory: list[int], requests: int) -> tuple[float, float]:
+    """Bytes per 100,000 requests, and the standard error. Neighbouring samples are alike: only blocks count."""
+    values = np.array(memory, np.float64)
+    position = np.linspace(0, requests / 100_000, len(values))
+    line = np.polyfit(position, values, 1)
+    residuals = np.array([block.mean() for block in np.array_split(values - np.polyval(line, position), BLOCKS)])
+    centres = np.array([block.mean() for block in np.array_split(position, BLOCKS)])
+    spread = np.sqrt((residuals**2).sum() / (BLOCKS - 2) / ((centres - centres.mean()) ** 2).sum())
+    return float(line[0]), max(float(spread), 1.0)
+
+
+async def _drive(url: str, pid: int, requests: int) -> tuple[list[int], Counter[int]]:
+    """Resident memory at SAMPLES moments, and how many answers had which status (0: the client left)."""
+    memory: list[int] = []
+    statuses: Counter[int] = Counter()
+    numbers = iter(range(requests))
+    visitor = Visitor(url)
+
+    async def one(client: aiohttp.ClientSession) -> None:
+        for number in numbers:
+            if number % max(1, requests // SAMPLES) == 0:
+                memory.append(status_bytes(pid, "VmRSS"))
+            statuses[await visitor.ask(client, number)] += 1
+
+    async with session() as client:
+        await asyncio.gather(*(one(client) for _ in range(CLIENTS)))
+    return memory, statuses
+
+
+class Visitor:
+    """Asks for one thing after another, by dice with a fixed seed."""
+
+    def __init__(self, url: str) -> None:
+        self._url = url
+        self._dice = random.Random(0)  # noqa: S311
+        self._photos = photos(7)
+        self._repeated = next(self._photos)
+        self._ids: list[str] = []
+
+    async def ask(self, client: aiohttp.ClientSession, number: int) -> int:
+        """One request. Returns its status, 0 where the client left."""
+        if number < CLIENTS or not self._ids:
+            return await self._encode(client, next(self._photos))
+        object_path = f"/objects/{self._dice.choice(self._ids)}"
+        n = self._dice.choice((500, 2_000, 8_000))
+        kind = self._dice.choices(range(8), (15, 15, 40, 10, 5, 5, 5, 5))[0]
+        if kind == 0:
+            return await self._encode(client, next(self._photos))
+        if kind == 1:
+            return await self._encode(client, self._repeated)
+        if kind == 2:
+            fmt = self._dice.choice(("ply", "npy", "json", "glb"))
+            return await self._send(client, "GET", f"{object_path}/points?n={n}&format={fmt}")
+        if kind == 3:
+            return await self._send(client, "GET", f"{object_path}/weights")
+        if kind == 4:
+            return await self._send(client, "GET", "/objects?limit=20")
+        if kind == 5:
+            return await self._send(client, "POST", "/encode", b"no image")
+        if kind == 6:
+            return await self._send(client, "GET", f"/objects/{number:032x}")
+        return await self._leave(client, object_path)
+
+    async def _encode(self, client: aiohttp.ClientSession, photo: bytes) -> int:
+        async with client.post(f"{self._url}/encode", data=photo) as answer:
+            if answer.status == 201:
+                self._ids.append((await answer.json())["id"])
+                del self._ids[:-500]
+            return answer.status
+
+    async def _send(self, client: aiohttp.ClientSession, method: str, path: str, body: bytes | None = None) -> int:
+        async with client.request(method, self._url + path, data=body) as answer:
+            await answer.read()
+            return answer.status
+
+    async def _leave(self, client: aiohttp.ClientSession, object_path: str) -> int:
+        """Begin a large cloud, or a photo, and go."""
+        try:
+            async with asyncio.timeout(LEAVE_AFTER_S):
+                if self._dice.random() < 0.5:
+                    return await self._encode(client, next(self._photos))
+                return await self._send(client, "GET", f"{object_path}/points?n=1000000")
+        except TimeoutError:
+            return 0

@@ -1,0 +1,110 @@
+"""Images that share a call: none waits for ever, none pays for another."""
+
+import asyncio
+import random
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from service.batcher import MAX_BATCH, Batcher
+from service.encoder import Encoder
+from service.mapping import Array
+from service.settings import SHIPPED_MODEL
+
+SCHEDULES = 1_000
+TIMEOUT_S = 60
+
+
+def _image(value: float) -> Array:
+    return np.full((1, 3, 2, 2), value, np.float32)
+
+
+def _encode(images: Array) -> Array:
+    """theta is the image's mean, twice; a negative image fails whatever call it is in."""
+    if (images < 0).any():
+        raise ValueError("negative")
+    return np.repeat(images.mean(axis=(1, 2, 3))[:, None], 2, axis=1)
+
+
+def _batcher(executor: ThreadPoolExecutor) -> Batcher:
+    return Batcher(_encode, lambda function: asyncio.get_running_loop().run_in_executor(executor, function))
+
+
+async def _schedule(batcher: Batcher, seed: int) -> None:
+    """Some images at random moments, some that fail and some whose client leaves; each must get its own."""
+    dice = random.Random(seed)
+
+    async def one(index: int) -> None:
+        for _ in range(dice.randrange(4)):
+            await asyncio.sleep(0)
+        fails, leaves = dice.random() < 0.2, dice.random() < 0.3
+        value = -1.0 if fails else float(index)
+        task = asyncio.create_task(batcher.encode(_image(value)))
+        if leaves:
+            for _ in range(dice.randrange(4)):
+                await asyncio.sleep(0)
+            task.cancel()
+        (outcome,) = await asyncio.gather(task, return_exceptions=True)
+        if isinstance(outcome, asyncio.CancelledError):
+            assert leaves
+        elif isinstance(outcome, BaseException):
+            assert fails, outcome
+            assert isinstance(outcome, ValueError)
+        else:
+            assert not fails
+            np.testing.assert_array_equal(outcome, [index, index])
+
+    await asyncio.gather(*(one(index) for index in range(dice.randrange(1, 3 * MAX_BATCH))))
+
+
+def test_no_schedule_leaves_an_image_behind_or_mixes_two_up() -> None:
+    async def all_schedules(executor: ThreadPoolExecutor) -> int:
+        batcher = _batcher(executor)
+        for seed in range(SCHEDULES):
+            async with asyncio.timeout(TIMEOUT_S):
+                await _schedule(batcher, seed)
+        return batcher.images
+
+    with ThreadPoolExecutor(2) as executor:
+        assert asyncio.run(all_schedules(executor)) > SCHEDULES
+
+
+def test_those_that_wait_share_a_call_and_those_that_left_are_in_none() -> None:
+    async def scenario(executor: ThreadPoolExecutor) -> tuple[int, int]:
+        batcher = _batcher(executor)
+        busy = threading.Event()
+        held = asyncio.get_running_loop().run_in_executor(executor, busy.wait, TIMEOUT_S)
+        tasks = [asyncio.create_task(batcher.encode(_image(index))) for index in range(MAX_BATCH + 3)]
+        await asyncio.sleep(0)
+        for task in tasks[:3]:
+            task.cancel()
+        busy.set()
+        await asyncio.gather(held, *tasks, return_exceptions=True)
+        return batcher.images, batcher.calls
+
+    with ThreadPoolExecutor(1) as executor:
+        assert asyncio.run(scenario(executor)) == (MAX_BATCH, 1)
+
+
+def test_an_executor_that_is_shut_down_fails_its_images_rather_than_keeping_them() -> None:
+    async def scenario() -> None:
+        executor = ThreadPoolExecutor(1)
+        executor.shutdown()
+        batcher = _batcher(executor)
+        async with asyncio.timeout(TIMEOUT_S):
+            for _ in range(2):
+                with pytest.raises(RuntimeError, match="shutdown"):
+                    await batcher.encode(_image(0))
+
+    asyncio.run(scenario())
+
+
+def test_a_theta_is_the_same_in_any_company() -> None:
+    encoder = Encoder.open(SHIPPED_MODEL, 1)
+    size = encoder.framing.size
+    images = np.random.default_rng(0).random((MAX_BATCH, 3, size, size), np.float32)
+    alone = np.concatenate([encoder.encode(image[None]) for image in images])
+    for count in (2, 3, MAX_BATCH):
+        np.testing.assert_allclose(encoder.encode(images[:count]), alone[:count], atol=1e-5)
