@@ -64,8 +64,9 @@ class Batcher:
         try:
             outcomes = await self._run(lambda: self._take_and_encode(batch))
         except BaseException as error:  # the service ends: no worker takes it, or this task is cancelled
-            _settle(batch or self._waiting, [error] * len(batch or self._waiting))
+            left = [*batch, *self._waiting]
             self._waiting.clear()
+            _settle(left, [error] * len(left))
             if not isinstance(error, Exception):
                 raise
         else:
