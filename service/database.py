@@ -27,7 +27,6 @@ from sqlalchemy.exc import ArgumentError, DBAPIError
 from sqlalchemy.ext.asyncio import AsyncEngine, create_async_engine
 
 from service.errors import UnusableStore
-from service.migrations import migrate
 
 ASYNC_DRIVERS: Final = {"sqlite": "sqlite+aiosqlite", "postgresql": "postgresql+asyncpg"}
 BUSY_TIMEOUT_MS: Final = 10_000
@@ -86,6 +85,8 @@ async def connect(url: str) -> AsyncEngine:
     UnusableStore : the URL is none, its driver is missing, the database does not answer or refuses, or a newer
         version made it. The message says what to do.
     """
+    from service.migrations import migrate  # Alembic: what opens no store starts without it
+
     parsed = _parse(url)
     try:
         engine = _engine(parsed.set(drivername=ASYNC_DRIVERS.get(parsed.drivername, parsed.drivername)))
