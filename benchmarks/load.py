@@ -50,7 +50,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     sections = [batching(asked, 3 if quick else 30), overload(asked, 2 if quick else 60)]
     sections.append(compare(asked, SERVER_CORE, 1 if quick else 3, 0.5 if quick else 5, arguments.peers))
     if arguments.soak or quick:
-        sections.append(soak(asked, SERVER_CORE, 600 if quick else 200_000))
+        sections.append(soak(asked, SERVER_CORE, 200 if quick else 200_000))
     page = (
         f"# Under load\n\nWritten by `make load`. {made['machine']}; {made['date']}, commit {made['commit']}. The "
         "server has one core and `--threads 1`, the load comes from another, over loopback. Photos are JPEGs of "

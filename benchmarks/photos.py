@@ -3,6 +3,7 @@
 import io
 import itertools
 from collections.abc import Iterator
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -13,12 +14,21 @@ KINDS: Final = 24
 
 
 def photos(seed: int = 0) -> Iterator[bytes]:
-    """JPEGs without end, 512 x 512: shapes with a grain on white, of some kinds, each with a comment of its own."""
-    kinds = [_photo(seed * KINDS + index) for index in range(KINDS)]
-    for number in itertools.count():
-        comment = f"{seed}-{number}".encode()
-        data = kinds[number % KINDS]
-        yield data[:2] + b"\xff\xfe" + (len(comment) + 2).to_bytes(2, "big") + comment + data[2:]
+    """JPEGs without end, 512 x 512: shapes with a grain on white, of some kinds, each with a comment of its own.
+
+    The kinds are drawn before the first is asked for."""
+    kinds = _kinds()
+    return (_with_comment(kinds[number % KINDS], f"{seed}-{number}".encode()) for number in itertools.count())
+
+
+@cache
+def _kinds() -> list[bytes]:
+    return [_photo(seed) for seed in range(KINDS)]
+
+
+def _with_comment(jpeg: bytes, comment: bytes) -> bytes:
+    """The same picture in other bytes: a comment segment after the first marker."""
+    return jpeg[:2] + b"\xff\xfe" + (len(comment) + 2).to_bytes(2, "big") + comment + jpeg[2:]
 
 
 def _photo(seed: int) -> bytes:

@@ -8,7 +8,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
@@ -50,11 +50,11 @@ def serving(
             yield f"http://127.0.0.1:{port}", server.pid
         finally:
             server.terminate()
-            try:
+            with suppress(subprocess.TimeoutExpired):
                 server.wait(STOP_TIMEOUT_S)
-            except subprocess.TimeoutExpired:
+            with suppress(ProcessLookupError):  # nobody is left, as it should be
                 os.killpg(server.pid, signal.SIGKILL)  # its own session: nobody else is in it
-                server.wait()
+            server.wait()
 
 
 def _free_port() -> int:

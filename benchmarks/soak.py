@@ -19,6 +19,7 @@ SAMPLES: Final = 400  # of resident memory
 WARM_UP: Final = 0.3  # of the requests: the allocators have seen every size by then
 BLOCKS: Final = 10  # of the samples; their slopes tell how sure the whole one is
 LEAVE_AFTER_S: Final = 0.002
+NO_ANSWER: Final = 599  # counts as 5xx
 MIB: Final = 2**20
 
 
@@ -65,7 +66,10 @@ async def _drive(url: str, pid: int, requests: int) -> tuple[list[int], Counter[
         for number in numbers:
             if number % max(1, requests // SAMPLES) == 0:
                 memory.append(status_bytes(pid, "VmRSS"))
-            statuses[await visitor.ask(client, number)] += 1
+            try:
+                statuses[await visitor.ask(client, number)] += 1
+            except aiohttp.ClientError:
+                statuses[NO_ANSWER] += 1
 
     async with session() as client:
         await asyncio.gather(*(one(client) for _ in range(CLIENTS)))
