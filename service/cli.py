@@ -1,7 +1,6 @@
 """The `hof` command: serve, and the same encoding and sampling without a server."""
 
 import argparse
-import asyncio
 import json
 import os
 import sys
@@ -25,7 +24,6 @@ from service.matting import Matting
 from service.points import check_size
 from service.queries import EncodeQuery, PointsQuery
 from service.settings import POINTS_CEILING, Settings
-from service.store import Store
 
 FAILED: Final = 2
 
@@ -126,22 +124,9 @@ def _given(arguments: argparse.Namespace, model: type[BaseModel]) -> dict[str, A
 
 def _serve(arguments: argparse.Namespace) -> None:
     """Serve the API. Each flag has an environment variable, in brackets."""
-    import uvicorn  # not needed by the other commands, which should start fast
+    from service.server import serve  # not needed by the other commands, which should start fast
 
-    from service.app import create_app
-
-    settings = _settings(arguments)
-    # What the server could not start with ends here in one line, not in its traceback.
-    Encoder.open(settings.model, settings.threads)
-    Matting.of(settings.matting_model, settings.threads)
-    asyncio.run(_check_store(settings.database_url))
-    app = create_app(settings)
-    uvicorn.run(app, host=settings.host, port=settings.port, log_level=settings.log_level, lifespan="on", ws="none")
-
-
-async def _check_store(url: str) -> None:
-    store = await Store.open(url)
-    await store.close()
+    serve(_settings(arguments))
 
 
 def _encode(arguments: argparse.Namespace) -> None:

@@ -4,6 +4,8 @@
     ├── InvalidInput            400  bytes that are not what they claim to be
     │   ├── CorruptImage
     │   └── CorruptWeights
+    ├── Unauthenticated         401  no API key, or one that is not known
+    ├── Forbidden               403  a key without the scope that the call needs
     ├── NotFound                404  no object of that id
     ├── InUse                   409  an object that a composed object's word names
     ├── NotAcceptable           406  no format satisfies the Accept header
@@ -12,8 +14,10 @@
     ├── InvalidParameter        422  a parameter out of range, or of the wrong kind
     │   ├── NoObjectFound            nothing to encode in the image
     │   └── InvalidSpec              a mapping spec that describes no function
+    ├── RateLimited             429  more requests than the rate limit
     ├── NotReady                503  the encoder is still loading
     ├── InvalidModel            500  the model file is unusable: refused at start
+    ├── InvalidKeys             500  the file of API keys is unusable: refused at start
     └── UnusableStore           500  the database cannot be opened: refused at start
 
 This module imports nothing of ours, so that every layer may raise from it.
@@ -49,6 +53,20 @@ class CorruptWeights(InvalidInput):
     """A weights file that cannot be read, or whose numbers do not fit its spec."""
 
     title = "Corrupt weights"
+
+
+class Unauthenticated(HofError):
+    """No API key, or one that is not known."""
+
+    status = 401
+    title = "Unauthenticated"
+
+
+class Forbidden(HofError):
+    """A key without the scope that the call needs."""
+
+    status = 403
+    title = "Forbidden"
 
 
 class NotFound(HofError):
@@ -105,6 +123,13 @@ class InvalidSpec(InvalidParameter):
     title = "Invalid spec"
 
 
+class RateLimited(HofError):
+    """More requests than the rate limit."""
+
+    status = 429
+    title = "Rate limited"
+
+
 class NotReady(HofError):
     """The service is starting or stopping."""
 
@@ -116,6 +141,12 @@ class InvalidModel(HofError):
     """A model file that the service refuses to start with."""
 
     title = "Invalid model"
+
+
+class InvalidKeys(HofError):
+    """A file of API keys that the service refuses to start with, or a key that cannot be made."""
+
+    title = "Invalid keys"
 
 
 class UnusableStore(HofError):

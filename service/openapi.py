@@ -1,16 +1,24 @@
 """The API's schema, as it is served and as it is committed: openapi.json."""
 
 import json
-from typing import Any
+from typing import Any, Final
 
 from fastapi import FastAPI
+
+SECURITY_SCHEMES: Final = {
+    "bearer": {"type": "http", "scheme": "bearer", "description": "An API key, where the service has any"},
+    "header": {"type": "apiKey", "in": "header", "name": "X-API-Key", "description": "The same"},
+}
 
 
 def openapi_text(app: FastAPI) -> str:
     """The schema of all calls, two spaces an indent, a newline at its end."""
     schema = app.openapi()
+    schema["components"]["securitySchemes"] = SECURITY_SCHEMES
     for path in schema["paths"].values():
         for operation in path.values():
+            if "401" in operation["responses"]:
+                operation["security"] = [{}, *({name: []} for name in SECURITY_SCHEMES)]  # {}: without keys, too
             _name_problems(operation["responses"])
             for parameter in operation.get("parameters", []):
                 parameter["schema"] = _without_null(parameter["schema"])

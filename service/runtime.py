@@ -12,6 +12,7 @@ from starlette.requests import Request
 from service.encoder import Encoder
 from service.errors import NotReady
 from service.matting import Matting
+from service.metrics import Metrics
 from service.settings import Settings
 from service.store import Store
 
@@ -28,11 +29,13 @@ class Runtime:
     matting: Matting | None
     store: Store
     executor: Executor
+    metrics: Metrics
 
     async def run(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
         """Call a function that computes on a worker thread, off the event loop."""
         loop = asyncio.get_running_loop()
-        return await loop.run_in_executor(self.executor, lambda: function(*args, **kwargs))
+        timed = self.metrics.timed(function)
+        return await loop.run_in_executor(self.executor, lambda: timed(*args, **kwargs))
 
 
 def runtime(request: Request) -> Runtime:
