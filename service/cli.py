@@ -19,6 +19,7 @@ from service.errors import HofError, InvalidParameter
 from service.formats import POINT_FORMATS, PointFormat, write
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
 from service.images import Background, preprocess
+from service.keys import SCOPES, make_key
 from service.mapping import Array, MappingSpec
 from service.matting import Matting
 from service.points import check_size
@@ -32,7 +33,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command. Returns the exit status; what went wrong is one line on stderr."""
     arguments = _parser().parse_args(argv)
     try:
-        arguments.run(arguments)
+        status: int | None = arguments.run(arguments)
     except HofError as error:
         return _fail(error.detail)
     except ValidationError as error:
@@ -40,7 +41,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _fail(f"{'.'.join(map(str, first['loc']))}: {first['msg']}")
     except OSError as error:
         return _fail(f"{error.filename}: {error.strerror}" if error.filename else str(error))
-    return 0
+    return status or 0
 
 
 def _fail(message: str) -> int:
@@ -56,6 +57,15 @@ def _parser() -> argparse.ArgumentParser:
     serve = commands.add_parser("serve", help="start the HTTP service", description=_serve.__doc__)
     _add_settings(serve)
     serve.set_defaults(run=_serve)
+
+    doctor = commands.add_parser("doctor", help="check this installation", description=_doctor.__doc__)
+    _add_settings(doctor)
+    doctor.set_defaults(run=_doctor)
+
+    key = commands.add_parser("key", help="make an API key", description=_key.__doc__)
+    key.add_argument("name", help="whose it is, as the log shows it")
+    key.add_argument("--scope", choices=SCOPES, action="append", required=True, help="what it may do; repeatable")
+    key.set_defaults(run=_key)
 
     encode = commands.add_parser("encode", help="a photo to points or weights", description=_encode.__doc__)
     encode.add_argument("photo", type=Path, help="PNG, JPEG or WebP")
@@ -127,6 +137,24 @@ def _serve(arguments: argparse.Namespace) -> None:
     from service.server import serve  # not needed by the other commands, which should start fast
 
     serve(_settings(arguments))
+
+
+def _doctor(arguments: argparse.Namespace) -> int:
+    """Check what `hof serve` needs, a line each. Exits with 1 where it would not run."""
+    from service.doctor import examine  # not needed by the other commands
+
+    failed = False
+    for finding in examine(_settings(arguments)):
+        print(finding, flush=True)
+        failed |= finding.state == "fail"
+    return int(failed)
+
+
+def _key(arguments: argparse.Namespace) -> None:
+    """Make an API key: its line for the keys file goes to stdout, the key itself, this once, to stderr."""
+    token, key = make_key(arguments.name, frozenset(arguments.scope))
+    print(f"hof: the key, which is shown this once: {token}", file=sys.stderr)
+    print(key.line)
 
 
 def _encode(arguments: argparse.Namespace) -> None:

@@ -31,8 +31,13 @@ class JsonLines(logging.Formatter):
     """A JSON object a line; `fields` of a record (logging's `extra`) become its members."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """time (RFC 3339, UTC), level, message, request_id, trace_id, the fields, and of an error its trace."""
-        line = {"time": _time(record), "level": record.levelname.lower(), "message": record.getMessage()}
+        """time (RFC 3339, UTC), level, message, pid, request_id, trace_id, the fields, and of an error its trace."""
+        line: dict[str, Any] = {
+            "time": _time(record),
+            "level": record.levelname.lower(),
+            "message": record.getMessage(),
+        }
+        line["pid"] = record.process
         line |= _correlation() | getattr(record, "fields", {})
         if record.exc_info:
             line["trace"] = self.formatException(record.exc_info)

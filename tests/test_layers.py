@@ -53,6 +53,12 @@ ALLOWED = {
         "service.store",
     },
     "service.settings": {"service.images"},
+    "service.logs": {"service.settings"},
+    "service.observing": {"service.logs", "service.metrics"},
+    "service.headers": set(),
+    "service.keys": {"service.errors"},
+    "service.access": {"service.errors", "service.keys", "service.problems", "service.settings"},
+    "service.tracing": set(),
     "demo": {"service.picture"},
 }
 
