@@ -40,7 +40,10 @@ Objects are in one frame: right-handed, +Y up, front +Z, the longest side 1. Err
 
 REFUSALS: Final[dict[int | str, dict[str, Any]]] = {
     401: {"model": Problem, "description": "The service has API keys, and the request none that is known"},
-    403: {"model": Problem, "description": "The key lacks the scope: `read` for GET and HEAD, else `write`"},
+    403: {
+        "model": Problem,
+        "description": "The key lacks the scope: `read` for GET and HEAD, else `write`; /metrics has its own",
+    },
     429: {"model": Problem, "description": "Too many requests; `Retry-After` tells when there may be another"},
 }
 CORS_EXPOSED: Final = [

@@ -101,7 +101,7 @@ def _add_settings(parser: argparse.ArgumentParser, only: set[str] | None = None)
     """A flag for each field of Settings; pydantic parses and checks the values, the environment's too."""
     for name, field in Settings.model_fields.items():
         if only is None or name in only:
-            default = "" if field.default_factory else f"; default: {field.default}"
+            default = "" if field.default_factory or field.default is None else f"; default: {field.default}"
             parser.add_argument(
                 f"--{name.replace('_', '-')}",
                 dest=name,

@@ -108,7 +108,9 @@ class Settings(BaseSettings):
     def _is_a_rate(cls, text: str | None) -> str | None:
         if text is not None:
             try:
-                parse(text)
+                amount = parse(text).amount
             except ValueError as error:
                 raise ValueError(f"{text!r} is no rate: 100/minute, say, or 10/second") from error
+            if amount < 1:
+                raise ValueError("it must allow at least one request")
         return text

@@ -101,7 +101,7 @@ def test_every_answer_has_an_id(client: httpx.Client, path: str) -> None:
 
 @pytest.mark.parametrize("odd", ["", "a b", "<script>", "x" * 129, "a\tb", "é".encode().decode("latin-1")])
 def test_an_odd_id_is_replaced(client: httpx.Client, odd: str) -> None:
-    answer = client.get("/health/live", headers={"X-Request-ID": odd.encode("latin-1")})
+    answer = client.get("/health/live", headers={b"X-Request-ID": odd.encode("latin-1")})
     assert re.fullmatch("[0-9a-f]{32}", answer.headers["x-request-id"])
 
 
