@@ -38,14 +38,6 @@ tiny mapping network f; f^k of the points of a unit ball is the object, at any r
 Objects are in one frame: right-handed, +Y up, front +Z, the longest side 1. Errors are `application/problem+json`
 (RFC 9457); unknown parameters are errors."""
 
-REFUSALS: Final[dict[int | str, dict[str, Any]]] = {
-    401: {"model": Problem, "description": "The service has API keys, and the request none that is known"},
-    403: {
-        "model": Problem,
-        "description": "The key lacks the scope: `read` for GET and HEAD, else `write`; /metrics has its own",
-    },
-    429: {"model": Problem, "description": "Too many requests; `Retry-After` tells when there may be another"},
-}
 CORS_EXPOSED: Final = [
     "Content-Disposition",
     "ETag",
@@ -81,7 +73,7 @@ def create_app(settings: Settings) -> FastAPI:
     problems.install(app)
     app.add_middleware(HeadAsGet)
     for module in (encode, compose, objects, health, metrics):
-        app.include_router(module.router, responses=RESPONSES if module is health else REFUSALS | RESPONSES)
+        app.include_router(module.router, responses=RESPONSES)
     _serve_schema(app)
     app.router.routes.extend(viewer.routes)
     return app
