@@ -2,7 +2,7 @@
 
 import asyncio
 from functools import partial
-from typing import Any
+from typing import Any, Final
 
 import uvicorn
 from uvicorn.supervisors import Multiprocess
@@ -14,6 +14,8 @@ from service.matting import Matting
 from service.metrics import shared_by_workers
 from service.settings import Settings
 from service.store import Store
+
+WORKER_START_S: Final = 60  # until a worker has imported all; one that takes longer is started anew, for ever
 
 
 def serve(settings: Settings) -> None:
@@ -32,6 +34,7 @@ def serve(settings: Settings) -> None:
         "lifespan": "on",
         "ws": "none",
         "log_config": logs.configuration(settings.log_format, settings.log_level),
+        "timeout_worker_healthcheck": WORKER_START_S,
         "access_log": False,  # service.observing has one
     }
     application = partial(app.create_app, settings)

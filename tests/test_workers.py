@@ -1,5 +1,6 @@
 """Several worker processes: one service, one store, figures that add up."""
 
+import json
 import os
 import signal
 import time
@@ -13,8 +14,8 @@ OBJECTS = 6
 
 def _pids(folder: Path, text: str) -> set[int]:
     """Of the log's lines that hold a text, the processes."""
-    lines = (folder / "log").read_text().splitlines()
-    return {int(line.split('"pid": ')[1].split(",")[0]) for line in lines if text in line}
+    whole = (folder / "log").read_text().rpartition("\n")[0].splitlines()
+    return {json.loads(line)["pid"] for line in whole if text in line}
 
 
 def _counted(url: str, route: str) -> float:
