@@ -9,21 +9,28 @@ from functools import partial
 from typing import Any, Final
 
 from fastapi import Depends, FastAPI, Request
+from starlette.middleware.cors import CORSMiddleware
 from starlette.responses import Response
+from starlette.routing import Mount, Route
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from service import __version__, kernel, problems
+from service.access import Access
 from service.clients import Patience
 from service.encoder import Encoder
 from service.errors import InvalidParameter
+from service.headers import SecureHeaders
 from service.matting import Matting
+from service.metrics import Metrics
+from service.observing import REQUEST_ID_HEADER, Observed, Templates
 from service.openapi import openapi_text
-from service.routes import compose, encode, health, objects, viewer
+from service.routes import compose, encode, health, metrics, objects, viewer
 from service.runtime import Runtime
 from service.sampler import hold_blas_to_one_thread
 from service.schemas import Problem
 from service.settings import Settings
 from service.store import Store
+from service.tracing import telemetry
 
 DESCRIPTION: Final = """\
 A photo goes in; a function comes out. The image encoder looks at one RGB image and outputs theta, the weights of a
@@ -32,6 +39,15 @@ tiny mapping network f; f^k of the points of a unit ball is the object, at any r
 Objects are in one frame: right-handed, +Y up, front +Z, the longest side 1. Errors are `application/problem+json`
 (RFC 9457); unknown parameters are errors."""
 
+CORS_EXPOSED: Final = [
+    "Content-Disposition",
+    "ETag",
+    "Location",
+    "RateLimit",
+    "RateLimit-Policy",
+    "Retry-After",
+    REQUEST_ID_HEADER,
+]
 RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
     422: {"model": Problem, "description": "A parameter is unknown, of the wrong type or out of range"},
     503: {"model": Problem, "description": "The service is starting or stopping"},
@@ -40,7 +56,7 @@ RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
 
 def create_app(settings: Settings) -> FastAPI:
     """The service as an ASGI application; nothing is opened before it starts."""
-    app = FastAPI(
+    app = Service(
         title="HOF",
         summary="Higher-Order Function networks as a service",
         description=DESCRIPTION,
@@ -50,16 +66,39 @@ def create_app(settings: Settings) -> FastAPI:
         redirect_slashes=False,
         lifespan=partial(_lifespan, settings),
         dependencies=[Depends(_refuse_repeats)],
+        telemetry=telemetry(),
     )
+    app.state.settings = settings
+    app.state.metrics = Metrics()
     app.state.runtime = None
     problems.install(app)
     app.add_middleware(HeadAsGet)
     app.add_middleware(Patience, seconds=settings.client_timeout_s)
-    for module in (encode, compose, objects, health):
+    for module in (encode, compose, objects, health, metrics):
         app.include_router(module.router, responses=RESPONSES)
     _serve_schema(app)
     app.router.routes.extend(viewer.routes)
     return app
+
+
+class Service(FastAPI):
+    """FastAPI within the layers that see every request, and every answer: those of faults, too."""
+
+    def build_middleware_stack(self) -> ASGIApp:
+        """The layers, the innermost first. Raises InvalidKeys."""
+        settings: Settings = self.state.settings
+        layers: ASGIApp = Access(super().build_middleware_stack(), settings)
+        if settings.cors_origins:
+            layers = CORSMiddleware(
+                layers,
+                allow_origins=settings.cors_origins.split(","),
+                allow_methods=["GET", "HEAD", "POST", "DELETE"],
+                allow_headers=["Authorization", "Content-Type", "If-None-Match", "X-API-Key", REQUEST_ID_HEADER],
+                expose_headers=CORS_EXPOSED,
+            )
+        templates = [*self.openapi()["paths"], *(route.path for route in self.routes if isinstance(route, Route))]
+        mounts = (f"{route.path}/{{path:path}}" for route in self.routes if isinstance(route, Mount))
+        return Observed(SecureHeaders(layers), self.state.metrics, Templates([*templates, *mounts]))
 
 
 async def _refuse_repeats(request: Request) -> None:
@@ -80,7 +119,7 @@ async def _lifespan(settings: Settings, app: FastAPI) -> AsyncIterator[None]:
         await asyncio.to_thread(kernel.load)
         hold_blas_to_one_thread()
         store = await Store.open(settings.database_url)
-        app.state.runtime = Runtime(settings, encoder, matting, store, executor)
+        app.state.runtime = Runtime(settings, encoder, matting, store, executor, app.state.metrics)
         try:
             yield
         finally:

@@ -6,7 +6,7 @@ from typing import Final
 
 from service import __version__
 
-CACHE_CONTROL: Final = "public, max-age=31536000, immutable"
+CACHE_CONTROL: Final = "max-age=31536000, immutable"  # not `public`: with a key, caches that are shared must not
 _TAG: Final = re.compile(r'(?:W/)?("[^"]*")')
 
 

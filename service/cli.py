@@ -1,7 +1,6 @@
 """The `hof` command: serve, and the same encoding and sampling without a server."""
 
 import argparse
-import asyncio
 import json
 import os
 import sys
@@ -13,13 +12,14 @@ from typing import Any, Final, get_args
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
-from service import __version__, database
+from service import __version__
 from service.composition import Member, check
 from service.encoder import Encoder
 from service.errors import HofError, InvalidParameter
 from service.formats import POINT_FORMATS, PointFormat, write
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
 from service.images import Background, preprocess
+from service.keys import SCOPES, make_key
 from service.mapping import Array, MappingSpec
 from service.matting import Matting
 from service.points import check_size
@@ -33,7 +33,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command. Returns the exit status; what went wrong is one line on stderr."""
     arguments = _parser().parse_args(argv)
     try:
-        arguments.run(arguments)
+        status: int | None = arguments.run(arguments)
     except HofError as error:
         return _fail(error.detail)
     except ValidationError as error:
@@ -41,7 +41,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _fail(f"{'.'.join(map(str, first['loc']))}: {first['msg']}")
     except OSError as error:
         return _fail(f"{error.filename}: {error.strerror}" if error.filename else str(error))
-    return 0
+    return status or 0
 
 
 def _fail(message: str) -> int:
@@ -57,6 +57,15 @@ def _parser() -> argparse.ArgumentParser:
     serve = commands.add_parser("serve", help="start the HTTP service", description=_serve.__doc__)
     _add_settings(serve)
     serve.set_defaults(run=_serve)
+
+    doctor = commands.add_parser("doctor", help="check this installation", description=_doctor.__doc__)
+    _add_settings(doctor)
+    doctor.set_defaults(run=_doctor)
+
+    key = commands.add_parser("key", help="make an API key", description=_key.__doc__)
+    key.add_argument("name", help="whose it is, as the log shows it")
+    key.add_argument("--scope", choices=SCOPES, action="append", required=True, help="what it may do; repeatable")
+    key.set_defaults(run=_key)
 
     encode = commands.add_parser("encode", help="a photo to points or weights", description=_encode.__doc__)
     encode.add_argument("photo", type=Path, help="PNG, JPEG or WebP")
@@ -92,7 +101,7 @@ def _add_settings(parser: argparse.ArgumentParser, only: set[str] | None = None)
     """A flag for each field of Settings; pydantic parses and checks the values, the environment's too."""
     for name, field in Settings.model_fields.items():
         if only is None or name in only:
-            default = "" if field.default_factory else f"; default: {field.default}"
+            default = "" if field.default_factory or field.default is None else f"; default: {field.default}"
             parser.add_argument(
                 f"--{name.replace('_', '-')}",
                 dest=name,
@@ -125,15 +134,27 @@ def _given(arguments: argparse.Namespace, model: type[BaseModel]) -> dict[str, A
 
 def _serve(arguments: argparse.Namespace) -> None:
     """Serve the API. Each flag has an environment variable, in brackets."""
-    from service.app import create_app  # not needed by the other commands, which should start fast
-    from service.server import serve
+    from service.server import serve  # not needed by the other commands, which should start fast
 
-    settings = _settings(arguments)
-    # What the server could not start with ends here in one line, not in its traceback.
-    Encoder.open(settings.model, settings.threads)
-    Matting.of(settings.matting_model, settings.threads)
-    asyncio.run(database.check(settings.database_url))
-    serve(create_app(settings), settings)
+    serve(_settings(arguments))
+
+
+def _doctor(arguments: argparse.Namespace) -> int:
+    """Check what `hof serve` needs, a line each. Exits with 1 where it would not run."""
+    from service.doctor import examine  # not needed by the other commands
+
+    failed = False
+    for finding in examine(_settings(arguments)):
+        print(finding, flush=True)
+        failed |= finding.state == "fail"
+    return int(failed)
+
+
+def _key(arguments: argparse.Namespace) -> None:
+    """Make an API key: its line for the keys file goes to stdout, the key itself, this once, to stderr."""
+    token, key = make_key(arguments.name, frozenset(arguments.scope))
+    print(f"hof: the key, which is shown this once: {token}", file=sys.stderr)
+    print(key.line)
 
 
 def _encode(arguments: argparse.Namespace) -> None:

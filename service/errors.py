@@ -4,6 +4,8 @@
     ├── InvalidInput            400  bytes that are not what they claim to be
     │   ├── CorruptImage
     │   └── CorruptWeights
+    ├── Unauthenticated         401  no API key, or one that is not known
+    ├── Forbidden               403  a key without the scope that the call needs
     ├── NotFound                404  no object of that id
     ├── Stalled                 408  a client that stopped sending
     ├── InUse                   409  an object that a composed object's word names
@@ -14,9 +16,11 @@
     │   ├── NoObjectFound            nothing to encode in the image
     │   └── InvalidSpec              a mapping spec that describes no function
     ├── Overloaded              429  as much work as is let in is already there
+    ├── RateLimited             429  more requests than the rate limit
     ├── NotReady                503  the encoder is still loading
     ├── StoreFull               507  the database has no space for what is written
     ├── InvalidModel            500  the model file is unusable: refused at start
+    ├── InvalidKeys             500  the file of API keys is unusable: refused at start
     └── UnusableStore           500  the database cannot be opened: refused at start
 
 This module imports nothing of ours, so that every layer may raise from it.
@@ -52,6 +56,20 @@ class CorruptWeights(InvalidInput):
     """A weights file that cannot be read, or whose numbers do not fit its spec."""
 
     title = "Corrupt weights"
+
+
+class Unauthenticated(HofError):
+    """No API key, or one that is not known."""
+
+    status = 401
+    title = "Unauthenticated"
+
+
+class Forbidden(HofError):
+    """A key without the scope that the call needs."""
+
+    status = 403
+    title = "Forbidden"
 
 
 class NotFound(HofError):
@@ -126,6 +144,13 @@ class Overloaded(HofError):
         self.retry_after_s = retry_after_s
 
 
+class RateLimited(HofError):
+    """More requests than the rate limit."""
+
+    status = 429
+    title = "Rate limited"
+
+
 class NotReady(HofError):
     """The service is starting or stopping."""
 
@@ -144,6 +169,12 @@ class InvalidModel(HofError):
     """A model file that the service refuses to start with."""
 
     title = "Invalid model"
+
+
+class InvalidKeys(HofError):
+    """A file of API keys that the service refuses to start with, or a key that cannot be made."""
+
+    title = "Invalid keys"
 
 
 class UnusableStore(HofError):

@@ -1,20 +1,41 @@
 """The API's schema, as it is served and as it is committed: openapi.json."""
 
 import json
-from typing import Any
+from typing import Any, Final
 
 from fastapi import FastAPI
+
+SECURITY_SCHEMES: Final = {
+    "bearer": {"type": "http", "scheme": "bearer", "description": "An API key, where the service has any"},
+    "header": {"type": "apiKey", "in": "header", "name": "X-API-Key", "description": "The same"},
+}
+REFUSALS: Final = {
+    "401": "The service has API keys, and the request none that is known",
+    "403": "The key lacks the scope: `read` for GET and HEAD, else `write`; for /metrics `metrics`",
+    "429": "Too many requests; `Retry-After` tells when there may be another",
+}
 
 
 def openapi_text(app: FastAPI) -> str:
     """The schema of all calls, two spaces an indent, a newline at its end."""
     schema = app.openapi()
-    for path in schema["paths"].values():
-        for operation in path.values():
+    schema["components"]["securitySchemes"] = SECURITY_SCHEMES
+    for path, operations in schema["paths"].items():
+        for operation in operations.values():
+            if not path.startswith("/health/"):
+                _add_refusals(operation)
             _name_problems(operation["responses"])
             for parameter in operation.get("parameters", []):
                 parameter["schema"] = _without_null(parameter["schema"])
     return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
+
+
+def _add_refusals(operation: dict[str, Any]) -> None:
+    """What `service.access` may answer, and with what it lets in: nothing, where the service has no keys."""
+    operation["security"] = [{}, *({name: []} for name in SECURITY_SCHEMES)]
+    content = {"application/problem+json": {"schema": {"$ref": "#/components/schemas/Problem"}}}
+    for status, description in REFUSALS.items():
+        operation["responses"].setdefault(status, {"description": description, "content": content})
 
 
 def _name_problems(responses: dict[str, Any]) -> None:

@@ -16,7 +16,7 @@ from starlette.routing import compile_path
 from service.errors import HofError, InvalidParameter, Overloaded
 from service.schemas import FieldError, Problem
 
-logger: Final = logging.getLogger("uvicorn.error")
+logger: Final = logging.getLogger("hof")
 
 MEDIA_TYPE: Final = "application/problem+json"
 HEADERS: Final = {
@@ -52,6 +52,17 @@ def _path(parts: Sequence[str | int]) -> str:
     return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in parts).removeprefix(".")
 
 
+def respond(error: HofError) -> JSONResponse:
+    """An error of ours as its answer."""
+    errors = [FieldError(field=error.field, message=error.detail)] if error.field else None
+    problem = Problem(
+        type=_type(error.title), title=error.title, status=error.status, detail=error.detail, errors=errors
+    )
+    if isinstance(error, Overloaded):
+        return _respond(problem, {"Retry-After": str(error.retry_after_s)})
+    return _respond(problem, HEADERS.get(error.status))
+
+
 def _respond(
     problem: Problem,
     headers: Mapping[str, str] | None = None,
@@ -69,13 +80,7 @@ async def _domain(request: Request, error: HofError) -> JSONResponse:
     if error.status == HTTPStatus.INTERNAL_SERVER_ERROR:
         logger.error("%s %s failed", request.method, request.url.path, exc_info=error)
         return await _unexpected(request, error)
-    errors = [FieldError(field=error.field, message=error.detail)] if error.field else None
-    problem = Problem(
-        type=_type(error.title), title=error.title, status=error.status, detail=error.detail, errors=errors
-    )
-    if isinstance(error, Overloaded):
-        return _respond(problem, {"Retry-After": str(error.retry_after_s)})
-    return _respond(problem, HEADERS.get(error.status))
+    return respond(error)
 
 
 async def _validation(request: Request, error: RequestValidationError) -> JSONResponse:

@@ -16,6 +16,7 @@ from service.batcher import Batcher
 from service.encoder import Encoder
 from service.errors import NotReady
 from service.matting import Matting
+from service.metrics import Metrics
 from service.settings import Settings
 from service.store import Store
 from service.vital import Vital
@@ -40,6 +41,7 @@ class Runtime:
     matting: Matting | None
     store: Store
     executor: Executor
+    metrics: Metrics
 
     @cached_property
     def gates(self) -> Gates:  # noqa: D102
@@ -60,7 +62,8 @@ class Runtime:
     async def run(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
         """Call a function that computes on a worker thread, off the event loop."""
         loop = asyncio.get_running_loop()
-        return await loop.run_in_executor(self.executor, lambda: function(*args, **kwargs))
+        timed = self.metrics.timed(function)
+        return await loop.run_in_executor(self.executor, lambda: timed(*args, **kwargs))
 
 
 async def runtime(request: Request) -> Runtime:  # async: FastAPI would call it on a thread otherwise

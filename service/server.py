@@ -1,4 +1,4 @@
-"""The server: uvicorn, and a stop that loses no call.
+"""The server: uvicorn in one process, or several that share a port, and a stop that loses no call.
 
 On SIGTERM uvicorn closes its socket at once, while load balancers still send: for them this one first answers
 `/health/ready` with 503 and goes on serving. Then it takes the connections that the kernel has accepted, and no new
@@ -14,14 +14,22 @@ import socket
 import struct
 import sys
 import time
+from functools import partial
 from types import FrameType
 from typing import Final
 
 import uvicorn
-from starlette.types import ASGIApp
 from uvicorn.config import STARTUP_FAILURE
+from uvicorn.supervisors import multiprocess
 
+from service import app, database, logs
+from service.access import keys_of
+from service.encoder import Encoder
+from service.matting import Matting
+from service.metrics import shared_by_workers
 from service.settings import Settings
+
+WORKER_START_S: Final = 60  # until a worker has imported all; one that takes longer is started anew, for ever
 
 CLOSE: Final = (b"connection", b"close")
 SETTLE_S: Final = 0.2  # from the last connection until its request has been read
@@ -29,30 +37,61 @@ SO_ATTACH_FILTER: Final = 26
 RETURN: Final = 0x06  # the only instruction of a filter that keeps 0 bytes of any packet
 
 
-def serve(app: ASGIApp, settings: Settings) -> None:
-    """Serve until a signal comes. Exits with uvicorn's status where the port is taken, say."""
-    config = uvicorn.Config(
-        app,
-        host=settings.host,
-        port=settings.port,
-        log_level=settings.log_level,
-        lifespan="on",
-        ws="none",
-        timeout_graceful_shutdown=settings.shutdown_s,
-    )
-    server = Server(config, settings.drain_s)
+def serve(settings: Settings) -> None:
+    """Serve until a signal ends it. Exits with uvicorn's status where the port is taken, say.
+
+    Raises
+    ------
+    InvalidModel, InvalidKeys, UnusableStore : what the service could not start with.
+    """
+    _check(settings)
+    config = Config(settings)
+    if settings.workers > 1:
+        with shared_by_workers():
+            multiprocess.Multiprocess(config, [config.bind_socket()]).run()
+        return
+    server = Server(config)
     with contextlib.suppress(KeyboardInterrupt):
         server.run()
     if not server.started:
         sys.exit(STARTUP_FAILURE)
 
 
+def _check(settings: Settings) -> None:
+    """Open what the server will open, so that what is wrong with it ends here, in a sentence."""
+    Encoder.open(settings.model, settings.threads)
+    Matting.of(settings.matting_model, settings.threads)
+    keys_of(settings)
+    asyncio.run(database.check(settings.database_url))
+
+
+class Config(uvicorn.Config):
+    """What uvicorn is told, and how long to drain."""
+
+    def __init__(self, settings: Settings) -> None:
+        super().__init__(
+            partial(app.create_app, settings),
+            factory=True,
+            host=settings.host,
+            port=settings.port,
+            workers=settings.workers,
+            lifespan="on",
+            ws="none",
+            log_config=logs.configuration(settings.log_format, settings.log_level),
+            access_log=False,  # service.observing has one
+            timeout_worker_healthcheck=WORKER_START_S,
+            timeout_graceful_shutdown=settings.shutdown_s,
+        )
+        self.drain_s: Final = settings.drain_s
+
+
 class Server(uvicorn.Server):
     """One process's server. While it drains, ``request.state.draining`` is true and answers close their connection."""
 
-    def __init__(self, config: uvicorn.Config, drain_s: float) -> None:
+    config: Config
+
+    def __init__(self, config: Config) -> None:
         super().__init__(config)
-        self._drain_s = drain_s
         self._drained_at: float | None = None
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
@@ -60,7 +99,7 @@ class Server(uvicorn.Server):
         if sig != signal.SIGTERM or not self.started or self._drained_at is not None:
             super().handle_exit(sig, frame)
             return
-        self._drained_at = time.monotonic() + self._drain_s
+        self._drained_at = time.monotonic() + self.config.drain_s
         self.lifespan.state["draining"] = True
         self.config.encoded_headers.append(CLOSE)  # of which uvicorn makes the next default headers, within a second
         self.server_state.default_headers = [*self.server_state.default_headers, CLOSE]
@@ -79,6 +118,23 @@ class Server(uvicorn.Server):
                     _drop_packets(own)
             await asyncio.sleep(SETTLE_S)
         await super().shutdown(sockets)
+
+
+class Worker(multiprocess.Process):
+    """One process of several, with our server in it: uvicorn has no setting for that."""
+
+    config: Config
+
+    @property
+    def server(self) -> Server:
+        """Made in the process itself."""
+        if self._server is None:
+            self._server = Server(self.config)
+        assert isinstance(self._server, Server)  # noqa: S101 - for the type checker
+        return self._server
+
+
+multiprocess.Process = Worker  # type: ignore[misc]
 
 
 def _drop_packets(listener: socket.socket) -> None:

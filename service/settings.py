@@ -5,19 +5,24 @@ Defaults, limits and help live here and nowhere else; `service.cli` makes the fl
 
 import math
 import os
+import sys
 from pathlib import Path
 from typing import Final, Literal
 
 import platformdirs
-from pydantic import Field
+from limits import parse
+from pydantic import Field, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from service.images import DEFAULT_MAX_PIXELS
+
+LogFormat = Literal["json", "text"]
 
 SHIPPED_MODEL: Final = Path(__file__).resolve().parent.parent / "model" / "weights" / "hof1-k2.onnx"
 POINTS_CEILING: Final = 10_000_000  # the API's promise; `max_points` may only lower it
 POINTS_PER_CPU: Final = 4_000_000  # in flight: about a second of work
 MIB: Final = 2**20
+ORIGIN: Final = r"(\*|https?://[^/,\s*]+)"  # as browsers send it: no path, no slash at its end
 
 
 def available_cpus() -> int:
@@ -39,6 +44,11 @@ def default_matting_model() -> Path | None:
     """u2netp.onnx in the folder that rembg's variable U2NET_HOME names; None where it is not set."""
     home = os.environ.get("U2NET_HOME")
     return Path(home) / "u2netp.onnx" if home else None
+
+
+def default_log_format() -> LogFormat:
+    """Text where a person reads it, else JSON."""
+    return "text" if sys.stderr.isatty() else "json"
 
 
 class Settings(BaseSettings):
@@ -86,6 +96,40 @@ class Settings(BaseSettings):
         default=5, ge=0, le=3600, description="seconds to go on serving after SIGTERM, while `/health/ready` says 503"
     )
     shutdown_s: int = Field(default=20, ge=1, le=3600, description="seconds that calls in progress then have to end")
+    workers: int = Field(
+        default=1, ge=1, le=256, description="processes that serve, each with models and threads of its own"
+    )
+    api_keys_file: Path | None = Field(
+        default=None, description="keys that calls need, a line each as `hof key` prints it; without, anyone may call"
+    )
+    metrics: Literal["open", "key"] = Field(
+        default="open", description="who may read `/metrics`: anyone, or only a `key` of the scope `metrics`"
+    )
+    rate_limit: str | None = Field(
+        default=None,
+        description="requests that each key, or without keys each address, may make of one worker: `100/minute`, say",
+    )
+    cors_origins: str | None = Field(
+        default=None,
+        pattern=rf"^{ORIGIN}(,{ORIGIN})*$",
+        description="origins whose pages may call the service, separated by commas: `https://shop.example`, say",
+    )
     log_level: Literal["critical", "error", "warning", "info", "debug"] = Field(
         default="info", description="least severity that is logged"
     )
+    log_format: LogFormat = Field(
+        default_factory=default_log_format,
+        description="`json` or `text`, a line an event on stderr; default: `text` on a terminal, else `json`",
+    )
+
+    @field_validator("rate_limit")
+    @classmethod
+    def _is_a_rate(cls, text: str | None) -> str | None:
+        if text is not None:
+            try:
+                amount = parse(text).amount
+            except ValueError as error:
+                raise ValueError(f"{text!r} is no rate: 100/minute, say, or 10/second") from error
+            if amount < 1:
+                raise ValueError("it must allow at least one request")
+        return text

@@ -2,6 +2,8 @@
 
 import contextlib
 import io
+import os
+import subprocess
 import sys
 import threading
 import time
@@ -34,6 +36,9 @@ def database_url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
         return f"sqlite:///{tmp_path / 'store' / 'hof.db'}"
     postgres: Postgres = request.getfixturevalue("postgres")
     return postgres.create()
+
+
+ROOT = Path(__file__).parents[1]
 
 
 @pytest.fixture(scope="session")
@@ -95,6 +100,37 @@ def running(settings: Settings) -> Iterator[Server]:
     finally:
         server.should_exit = True
         thread.join()
+
+
+@contextlib.contextmanager
+def hof_serve(
+    folder: Path, model: Path, *flags: str, **environment: str
+) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
+    """`hof serve` in a process of its own, which logs to folder/log: its address, and the process."""
+    log = folder / "log"
+    command = [
+        str(Path(sys.executable).with_name("hof")),
+        "serve",
+        "--port",
+        "0",
+        "--model",
+        str(model),
+        "--threads",
+        "1",
+    ]
+    command += ["--database-url", f"sqlite:///{folder / 'hof.db'}", *flags]
+    with log.open("wb") as file:
+        process = subprocess.Popen(
+            command, stderr=file, cwd=folder, env={**os.environ, "PYTHONPATH": str(ROOT), **environment}
+        )
+    try:
+        while "startup complete" not in (text := log.read_text()) or "running on" not in text:
+            assert process.poll() is None, text
+            time.sleep(0.05)
+        yield text.split("running on ")[1].split()[0], process
+    finally:
+        process.terminate()
+        process.wait(60)
 
 
 @pytest.fixture

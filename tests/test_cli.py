@@ -1,6 +1,7 @@
 """The `hof` command: the service's code without a server."""
 
 import json
+from functools import partial
 from pathlib import Path
 
 import httpx
@@ -8,9 +9,11 @@ import numpy as np
 import pytest
 from conftest import disc, image_file
 
+from service import server
 from service.cli import main
 from service.formats import POINT_FORMATS
 from service.formats.weights import Weights, dump, load
+from service.keys import make_key
 from service.mapping import MappingSpec, initial_theta
 from service.settings import Settings
 
@@ -151,6 +154,14 @@ def test_openapi_prints_the_committed_schema(capsys: pytest.CaptureFixture[str])
         ("serve --model nothere.onnx", "nothere.onnx"),
         ("serve --matting-model nothere.onnx", "cannot read the matting model nothere.onnx: No such file"),
         ("encode photo.png -o out.ply --matting-model photo.png", "the matting model photo.png is unusable"),
+        ("serve --api-keys-file nothere", "cannot read the keys file nothere: No such file"),
+        ("serve --api-keys-file text.png", "line 1 of the keys file text.png is malformed"),
+        ("serve --metrics key", "/metrics is to need a key, but there is no keys file"),
+        ("serve --rate-limit often", "rate_limit: "),
+        ("serve --cors-origins shop.example", "cors_origins: "),
+        ("serve --workers 0", "workers: "),
+        ("key a/b --scope read", "a key's name has 1 to 64 letters"),
+        ("doctor --threads 0", "threads: "),
         ("serve --database-url nonsense", "the database URL is none"),
         ("serve --database-url nosuch://user:secret@db/x", "cannot open the database nosuch://user:***@db/x"),
         ("serve --database-url sqlite:///photo.png", "cannot open the database sqlite:///photo.png: file is not"),
@@ -202,14 +213,31 @@ def test_every_setting_is_a_flag_of_serve(
         "max_weights_bytes": 4,
         "max_points": 5,
         "threads": 6,
+        "max_queued_images": 9,
+        "max_points_in_flight": 10,
+        "max_upload_bytes": 11,
+        "client_timeout_s": 12,
         "drain_s": 7,
         "shutdown_s": 8,
+        "workers": 1,
+        "api_keys_file": tmp_path / "keys",
+        "metrics": "key",
+        "rate_limit": "8/minute",
+        "cors_origins": "https://a.example",
         "log_level": "debug",
+        "log_format": "text",
     }
+    (tmp_path / "keys").write_text(make_key("a", frozenset({"read"}))[1].line)
     assert values.keys() == Settings.model_fields.keys()
     seen: list[Settings] = []
     monkeypatch.setattr("service.app.create_app", seen.append)
-    monkeypatch.setattr("service.server.serve", lambda *_: None)
+
+    def run(stopped: server.Server) -> None:
+        assert isinstance(stopped.config.app, partial)
+        stopped.config.app()
+        stopped.started = True
+
+    monkeypatch.setattr(server.Server, "run", run)
     flags = [part for name, value in values.items() for part in (f"--{name.replace('_', '-')}", str(value))]
     assert main(["serve", *flags]) == 0
     assert seen[0].model_dump() == values

@@ -45,7 +45,7 @@ def _setting_row(name: str) -> str:
     value = field.default
     if isinstance(value, Path):
         value = value.relative_to(ROOT)
-    default = told if field.default_factory else f"`{value}`"
+    default = told if field.default_factory else "none" if value is None else f"`{value}`"
     return f"| `--{name.replace('_', '-')}` | `HOF_{name.upper()}` | {default} | {what} |"
 
 
@@ -89,6 +89,7 @@ def test_every_file_of_the_layout_exists() -> None:
 
 def test_the_hof_lines_work(here: Path, model_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HOF_MODEL", str(model_path))
+    monkeypatch.setenv("HOF_DATABASE_URL", f"sqlite:///{here.parent / 'doctor.db'}")
     for line in _commands("hof"):
         assert cli.main(shlex.split(line, comments=True)[1:]) == 0, line
     written = {path.name for path in here.iterdir()}

@@ -54,7 +54,12 @@ ALLOWED = {
         "service.store",
     },
     "service.settings": {"service.images"},
-    "service.server": {"service.settings"},
+    "service.logs": {"service.settings"},
+    "service.observing": {"service.logs", "service.metrics"},
+    "service.headers": set(),
+    "service.keys": {"service.errors"},
+    "service.access": {"service.errors", "service.keys", "service.problems", "service.settings"},
+    "service.tracing": set(),
     "demo": {"service.picture"},
 }
 

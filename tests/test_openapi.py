@@ -43,6 +43,7 @@ def test_the_calls_are_those_of_the_contract(operations: dict[str, dict[str, Any
         "GET /model",
         "GET /health/live",
         "GET /health/ready",
+        "GET /metrics",
     }
 
 
@@ -54,6 +55,15 @@ def test_every_error_is_documented_as_a_problem(operations: dict[str, dict[str, 
                 (media_type, content), *rest = response["content"].items()
                 assert (media_type, rest) == ("application/problem+json", []), (name, status)
                 assert content["schema"] == {"$ref": "#/components/schemas/Problem"}
+
+
+def test_what_needs_a_key_says_so(operations: dict[str, dict[str, Any]]) -> None:
+    open_ = {"GET /health/live", "GET /health/ready"}
+    assert {name for name, operation in operations.items() if "security" not in operation} == open_
+    for name in operations.keys() - open_:
+        assert operations[name]["security"] == [{}, {"bearer": []}, {"header": []}]
+        assert {"401", "403", "429"} <= operations[name]["responses"].keys()
+    assert json.loads(COMMITTED.read_text())["components"]["securitySchemes"].keys() == {"bearer", "header"}
 
 
 def test_points_are_documented_with_each_media_type(operations: dict[str, dict[str, Any]]) -> None:

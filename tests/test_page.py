@@ -15,6 +15,7 @@ from conftest import running
 from PIL import Image
 from playwright.sync_api import Browser, ConsoleMessage, Page, expect, sync_playwright
 
+from service.keys import make_key
 from service.routes import viewer
 from service.settings import Settings
 
@@ -253,6 +254,33 @@ def test_errors_are_shown_as_the_service_tells_them(page: Page, tmp_path: Path) 
     page.locator("#format").select_option("json")
     page.get_by_role("button", name="Save").click()
     expect(problem).to_contain_text("Invalid parameter")
+
+
+def test_a_key_is_asked_for_once_and_used(browser: Browser, model_path: Path, tmp_path: Path) -> None:
+    token, key = make_key("visitor", frozenset({"read", "write"}))
+    (tmp_path / "keys").write_text(key.line)
+    settings = Settings(
+        model=model_path, database_url=f"sqlite:///{tmp_path / 'hof.db'}", api_keys_file=tmp_path / "keys", threads=1
+    )
+    with running(settings) as server, browser.new_context() as context:
+        page = context.new_page()
+        page.set_default_timeout(TIMEOUT_MS)
+        page.goto(f"http://127.0.0.1:{server.port}/")
+        dialog = page.get_by_role("dialog", name="API key")
+        for given in ("wrong", token):  # a key that is not known is asked for again
+            dialog.get_by_label("API key").fill(given)
+            dialog.get_by_role("button", name="Continue").click()
+        expect(dialog).to_be_hidden(timeout=TIMEOUT_MS)
+        page.set_input_files("#file", _photo("chair"))
+        expect(page.locator("#count")).to_have_text("10,000 points", timeout=TIMEOUT_MS)
+        expect(dialog).to_be_hidden()
+        assert "$HOF_KEY" in _curl_line(page, "download")
+        assert token not in page.content()
+        with context.new_page() as other:  # another tab asks again
+            other.goto(f"http://127.0.0.1:{server.port}/")
+            expect(other.get_by_role("dialog", name="API key")).to_be_visible(timeout=TIMEOUT_MS)
+            other.get_by_role("button", name="Cancel").click()
+            expect(other.get_by_role("alert")).to_contain_text("Unauthenticated")
 
 
 def test_every_action_is_reached_with_the_tab_key(page: Page) -> None:

@@ -21,6 +21,13 @@ def test_defaults_serve_this_machine_only_with_the_shipped_model_and_a_private_s
     assert settings.database_url.endswith("hof/hof.db")
     assert settings.matting_model is None
     assert settings.threads == available_cpus()
+    assert (settings.workers, settings.api_keys_file, settings.rate_limit, settings.cors_origins) == (
+        1,
+        None,
+        None,
+        None,
+    )
+    assert settings.log_format == "json"  # where stderr is no terminal
 
 
 def test_the_matting_model_is_looked_for_where_rembg_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -46,7 +53,13 @@ def test_environment_sets_every_field(monkeypatch: pytest.MonkeyPatch) -> None:
         "max_upload_bytes": 8,
         "client_timeout_s": 9.5,
         "threads": 5,
+        "workers": 6,
+        "api_keys_file": Path("keys"),
+        "metrics": "key",
+        "rate_limit": "7/minute",
+        "cors_origins": "https://a.example,http://b.example:8000",
         "log_level": "error",
+        "log_format": "text",
     }
     for name, value in values.items():
         monkeypatch.setenv(f"HOF_{name.upper()}", str(value))
@@ -66,6 +79,11 @@ def test_arguments_win_over_the_environment(monkeypatch: pytest.MonkeyPatch) -> 
         ("max_points", 0),
         ("threads", 0),
         ("log_level", "loud"),
+        ("workers", 0),
+        ("rate_limit", "many"),
+        ("rate_limit", "0/minute"),
+        ("cors_origins", "https://a.example/"),
+        ("cors_origins", "a.example"),
         ("hots", 1),
     ],
 )

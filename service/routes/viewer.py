@@ -47,9 +47,7 @@ class Pages(StaticFiles):
         """A file's answer. Raises Starlette's 404 and 405."""
         response = await super().get_response(path, scope)
         response.headers["Cache-Control"] = "no-cache"
-        response.headers["X-Content-Type-Options"] = "nosniff"
         if path.endswith(".html"):
-            response.headers["Referrer-Policy"] = "no-referrer"
             response.headers["Content-Security-Policy"] = content_security_policy((STATIC / path).read_text("utf-8"))
         return response
 

@@ -1,5 +1,7 @@
 // The service's calls. What goes wrong is a Problem, with the title and detail that the service gave.
 
+import { askForKey, authorization } from "./key.js";
+
 const BYTES_PER_POINT = 12; // three float32
 
 /** An error as the service tells it (RFC 9457). */
@@ -10,15 +12,18 @@ export class Problem extends Error {
   }
 }
 
-async function call(path, options) {
+async function call(path, options = {}) {
+  const sent = authorization();
   let answer;
   try {
-    answer = await fetch(path, options);
+    answer = await fetch(path, { ...options, headers: { ...options.headers, ...sent } });
   } catch (error) {
     if (error.name === "AbortError") throw error;
     throw new Problem("No answer", "The service cannot be reached.");
   }
   if (answer.ok) return answer;
+  const another = sent.Authorization !== authorization().Authorization; // given while this call was under way
+  if (answer.status === 401 && (another || (await askForKey()))) return call(path, options);
   const told = answer.headers.get("Content-Type")?.startsWith("application/problem+json");
   const problem = told ? await answer.json() : { title: `Error ${answer.status}`, detail: answer.statusText };
   throw new Problem(problem.title, problem.detail);

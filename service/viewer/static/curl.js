@@ -1,11 +1,13 @@
 // The line of shell that does what the page just did, and a button that copies it.
 
+import { curlAuthorization } from "./key.js";
+
 /** Show a line in a `.curl` element: what comes before and after the service's address. */
 export function showCurl(element, before, path) {
   const address = `${location.origin}${path}`;
   const quoted = /[?&]/.test(address) ? `"${address}"` : address;
   const code = document.createElement("code");
-  code.textContent = ["curl", before, quoted].filter(Boolean).join(" ");
+  code.textContent = ["curl", curlAuthorization(), before, quoted].filter(Boolean).join(" ");
   const button = document.createElement("button");
   button.type = "button";
   button.textContent = "Copy";

@@ -1,0 +1,133 @@
+"""`hof doctor`: whether what an installation needs is there, a line each, with what to do where it is not."""
+
+import asyncio
+import importlib.util
+import shutil
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Literal
+
+from sqlalchemy import make_url
+from sqlalchemy.exc import ArgumentError
+
+from service import tracing
+from service.access import keys_of
+from service.encoder import Encoder
+from service.errors import HofError
+from service.matting import Matting
+from service.routes.viewer import BUNDLE, NOT_BUILT
+from service.settings import MIB, Settings, available_cpus
+from service.store import Store
+
+State = Literal["ok", "warn", "fail"]
+
+LITTLE_DISK: Final = 1024 * MIB
+NO_DISK: Final = 64 * MIB
+LOCAL: Final = ("127.0.0.1", "::1", "localhost")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a check found: `warn` where the service runs with less, `fail` where it does not run."""
+
+    state: State
+    what: str
+    told: str
+
+    def __str__(self) -> str:
+        return f"{self.state:<5}{self.what:<10}{self.told}"
+
+
+def examine(settings: Settings) -> Iterator[Finding]:
+    """The findings, each as soon as it is known. A check that raises has failed; none stops the others."""
+    for what, check in CHECKS.items():
+        try:
+            state, told = check(settings)
+        except (HofError, ArgumentError, OSError) as error:
+            state, told = "fail", str(error)
+        yield Finding(state, what, told)
+
+
+def _model(settings: Settings) -> tuple[State, str]:
+    encoder = Encoder.open(settings.model, settings.threads)
+    encoder.warm_up()
+    return "ok", f"{encoder.name} of {settings.model} encodes"
+
+
+def _matting(settings: Settings) -> tuple[State, str]:
+    if Matting.of(settings.matting_model, settings.threads) is None:
+        return "warn", "none: photos need a plain background or transparency; the README's section Photos tells how"
+    return "ok", str(settings.matting_model)
+
+
+def _database(settings: Settings) -> tuple[State, str]:
+    """As at start: makes the database where it is missing."""
+    asyncio.run(_write(settings.database_url))
+    return "ok", f"{make_url(settings.database_url).render_as_string()} opens and can be written"
+
+
+async def _write(url: str) -> None:
+    store = await Store.open(url)
+    try:
+        await store.check_writable()
+    finally:
+        await store.close()
+
+
+def _disk(settings: Settings) -> tuple[State, str]:
+    url = make_url(settings.database_url)
+    if url.get_backend_name() != "sqlite" or not url.database:
+        return "ok", "the database server's"
+    folder = next(parent for parent in Path(url.database).absolute().parents if parent.is_dir())
+    free = shutil.disk_usage(folder).free
+    state: State = "fail" if free < NO_DISK else "warn" if free < LITTLE_DISK else "ok"
+    return state, f"{free // MIB:,} MiB free in {folder}" + (
+        "" if state == "ok" else ": make room, or move the database"
+    )
+
+
+def _page(settings: Settings) -> tuple[State, str]:
+    return ("ok", "built") if BUNDLE.is_dir() else ("warn", f"/ and /docs are missing: {NOT_BUILT}")
+
+
+def _keys(settings: Settings) -> tuple[State, str]:
+    keys = keys_of(settings)
+    if keys is not None:
+        return "ok", f"{len(keys)} in {settings.api_keys_file}"
+    if settings.host in LOCAL:
+        return "ok", f"none: anyone on this machine may call {settings.host}"
+    return "warn", f"none: anyone who reaches {settings.host} may call; `hof key` makes one for --api-keys-file"
+
+
+def _threads(settings: Settings) -> tuple[State, str]:
+    threads, cpus = settings.workers * settings.threads, available_cpus()
+    told = f"{threads} on {cpus} CPUs"
+    return ("ok", told) if threads <= cpus else ("warn", f"{told}: more than can run; lower --threads or --workers")
+
+
+def _fast(settings: Settings) -> tuple[State, str]:
+    return _extra("fast", importlib.util.find_spec("numba") is not None, "points are computed without it, more slowly")
+
+
+def _otel(settings: Settings) -> tuple[State, str]:
+    if not tracing.is_wanted():
+        return "ok", "no traces: OTEL_EXPORTER_OTLP_ENDPOINT is not set"
+    return _extra("otel", tracing.is_installed(), "OTEL_EXPORTER_OTLP_ENDPOINT is set, and no trace is sent")
+
+
+def _extra(name: str, installed: bool, without: str) -> tuple[State, str]:
+    return ("ok", "installed") if installed else ("warn", f"{without}: pip install 'hof[{name}]'")
+
+
+CHECKS: Final[dict[str, Callable[[Settings], tuple[State, str]]]] = {
+    "model": _model,
+    "matting": _matting,
+    "database": _database,
+    "disk": _disk,
+    "page": _page,
+    "keys": _keys,
+    "threads": _threads,
+    "[fast]": _fast,
+    "[otel]": _otel,
+}

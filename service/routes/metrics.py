@@ -1,0 +1,28 @@
+"""GET /metrics: figures for Prometheus."""
+
+import asyncio
+from typing import Annotated, Final
+
+from fastapi import APIRouter, Query
+from starlette.requests import Request
+from starlette.responses import Response
+
+from service.metrics import Metrics
+from service.queries import NoQuery
+
+router = APIRouter()
+
+TEXT: Final = {"schema": {"type": "string"}}
+
+
+@router.get(
+    "/metrics",
+    tags=["health"],
+    response_class=Response,
+    responses={200: {"description": "Counters and histograms, by route", "content": {"text/plain": TEXT}}},
+)
+async def metrics(request: Request, query: Annotated[NoQuery, Query()]) -> Response:
+    """Figures in Prometheus's text format, of all worker processes. Touches neither worker threads nor the store."""
+    told: Metrics = request.app.state.metrics
+    content, media_type = await asyncio.to_thread(told.exposition, request.headers.get("accept", ""))
+    return Response(content, headers={"Content-Type": media_type, "Cache-Control": "no-store"})

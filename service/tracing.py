@@ -1,0 +1,26 @@
+"""Traces by OpenTelemetry: FastAPI makes the spans; the extra `otel` and the OTEL_* variables send them."""
+
+import importlib.util
+import logging
+import os
+
+from fastapi.telemetry import TelemetryConfig
+
+logger = logging.getLogger("hof")
+
+
+def is_installed() -> bool:
+    """Whether the extra is."""
+    return importlib.util.find_spec("opentelemetry.exporter") is not None
+
+
+def is_wanted() -> bool:
+    """Whether the environment names a collector."""
+    return any(os.environ.get(f"OTEL_EXPORTER_OTLP_{name}") for name in ("ENDPOINT", "TRACES_ENDPOINT"))
+
+
+def telemetry() -> TelemetryConfig:
+    """What FastAPI is to send: spans, where a collector is named; figures are at /metrics and errors in the log."""
+    if is_wanted() and not is_installed():
+        logger.warning("OTEL_EXPORTER_OTLP_ENDPOINT is set, but traces need the extra: pip install 'hof[otel]'")
+    return {"auto_configure": is_installed(), "metrics": False, "logs": False}
