@@ -9,7 +9,6 @@ from functools import partial
 from typing import Any, Final
 
 from fastapi import Depends, FastAPI, Request
-from starlette.middleware.cors import CORSMiddleware
 from starlette.responses import Response
 from starlette.routing import Mount, Route
 from starlette.types import ASGIApp, Receive, Scope, Send
@@ -19,10 +18,10 @@ from service.access import Access
 from service.clients import Patience
 from service.encoder import Encoder
 from service.errors import InvalidParameter
-from service.headers import SecureHeaders
+from service.headers import SecureHeaders, with_cors
 from service.matting import Matting
 from service.metrics import Metrics
-from service.observing import REQUEST_ID_HEADER, Observed, Templates
+from service.observing import Observed, Templates
 from service.openapi import openapi_text
 from service.routes import compose, encode, health, metrics, objects, viewer
 from service.runtime import Runtime
@@ -39,15 +38,6 @@ tiny mapping network f; f^k of the points of a unit ball is the object, at any r
 Objects are in one frame: right-handed, +Y up, front +Z, the longest side 1. Errors are `application/problem+json`
 (RFC 9457); unknown parameters are errors."""
 
-CORS_EXPOSED: Final = [
-    "Content-Disposition",
-    "ETag",
-    "Location",
-    "RateLimit",
-    "RateLimit-Policy",
-    "Retry-After",
-    REQUEST_ID_HEADER,
-]
 RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
     422: {"model": Problem, "description": "A parameter is unknown, of the wrong type or out of range"},
     503: {"model": Problem, "description": "The service is starting or stopping"},
@@ -89,13 +79,7 @@ class Service(FastAPI):
         settings: Settings = self.state.settings
         layers: ASGIApp = Access(super().build_middleware_stack(), settings)
         if settings.cors_origins:
-            layers = CORSMiddleware(
-                layers,
-                allow_origins=settings.cors_origins.split(","),
-                allow_methods=["GET", "HEAD", "POST", "DELETE"],
-                allow_headers=["Authorization", "Content-Type", "If-None-Match", "X-API-Key", REQUEST_ID_HEADER],
-                expose_headers=CORS_EXPOSED,
-            )
+            layers = with_cors(layers, settings.cors_origins.split(","))
         templates = [*self.openapi()["paths"], *(route.path for route in self.routes if isinstance(route, Route))]
         mounts = (f"{route.path}/{{path:path}}" for route in self.routes if isinstance(route, Mount))
         return Observed(SecureHeaders(layers), self.state.metrics, Templates([*templates, *mounts]))

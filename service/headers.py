@@ -1,8 +1,10 @@
-"""Headers that every answer has: what browsers may do with it."""
+"""Headers that tell browsers what they may do with an answer: those that every answer has, and CORS."""
 
+from collections.abc import Sequence
 from typing import Final
 
 from starlette.datastructures import MutableHeaders
+from starlette.middleware.cors import CORSMiddleware
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 SECURE: Final = {
@@ -11,6 +13,28 @@ SECURE: Final = {
     "Referrer-Policy": "no-referrer",
     "X-Content-Type-Options": "nosniff",
 }
+
+ASKED: Final = ("Authorization", "Content-Type", "If-None-Match", "X-API-Key", "X-Request-ID")
+SHOWN: Final = (
+    "Content-Disposition",
+    "ETag",
+    "Location",
+    "RateLimit",
+    "RateLimit-Policy",
+    "Retry-After",
+    "X-Request-ID",
+)
+
+
+def with_cors(app: ASGIApp, origins: Sequence[str]) -> ASGIApp:
+    """The service, also for pages of these origins, which send their keys themselves: no cookies are involved."""
+    return CORSMiddleware(
+        app,
+        allow_origins=origins,
+        allow_methods=["GET", "HEAD", "POST", "DELETE"],
+        allow_headers=ASKED,
+        expose_headers=SHOWN,
+    )
 
 
 class SecureHeaders:

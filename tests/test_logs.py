@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import httpx
-import pytest
 from conftest import hof_serve
 
 from service.keys import make_key
@@ -96,10 +95,3 @@ def test_text_is_a_line_a_request_too(model_path: Path, tmp_path: Path) -> None:
         httpx.get(f"{url}/a%0Ab", headers={"X-Request-ID": "mine"})
     (line,) = [line for line in (tmp_path / "log").read_text().splitlines() if "request_id=mine" in line]
     assert " info GET /a%0Ab 404 " in line
-
-
-@pytest.mark.parametrize("level", ["warning"])
-def test_less_is_logged_where_less_is_asked_for(model_path: Path, tmp_path: Path, level: str) -> None:
-    with hof_serve(tmp_path, model_path, HOF_LOG_LEVEL="info") as (url, _):
-        httpx.get(f"{url}/health/live")
-    assert any("/health/live" in line["message"] for line in _lines(tmp_path))
