@@ -1,4 +1,4 @@
-"""Where objects are kept: id <-> theta and its spec, or the word of a composed object.
+"""Where objects are kept: id <-> theta, its spec and its colour, or the word of a composed object.
 
 SQLAlchemy Core. An object is never changed once written: it is put, read, listed, deleted.
 """
@@ -16,23 +16,24 @@ from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine
 
 from service.database import connect, objects, uses
 from service.errors import InUse, InvalidParameter, NotFound
-from service.mapping import Array, MappingSpec
+from service.mapping import Array, Color, Functions, MappingSpec, joined
 
 Kind = Literal["encoded", "imported", "composed", "interpolated"]
 
 MAX_SEQ: Final = 2**63 - 1
 MAX_NAMED: Final = 10  # composed objects that a refusal to delete names
-HEADER: Final = [column for column in objects.columns if column.name != "theta"]
+HEADER: Final = [column for column in objects.columns if column.name not in ("theta", "color")]
 
 
 @dataclass(frozen=True)
 class Record:
-    """All that is kept about an object but its theta.
+    """All that is kept about an object but its functions.
 
     id : hexadecimal digest of what it was made from.
     created_at : UTC.
     model : name of the model that its theta comes from.
     members : ids of what it was made from: the word of a composed object, the parents of an interpolated one.
+    color_spec : shape of what colours it; None where it has no colour.
     """
 
     id: str
@@ -41,6 +42,7 @@ class Record:
     spec: MappingSpec
     created_at: datetime
     members: tuple[str, ...] = ()
+    color_spec: MappingSpec | None = None
 
 
 class Store:
@@ -63,7 +65,7 @@ class Store:
         async with self._engine.connect() as connection:
             await connection.execute(select(1))
 
-    async def put(self, record: Record, theta: Array | None) -> tuple[Record, bool]:
+    async def put(self, record: Record, functions: Functions | None) -> tuple[Record, bool]:
         """Keep an object under ``record.id`` unless there is one.
 
         Returns the object that is kept, and whether it is new: of any number of concurrent puts of one
@@ -71,7 +73,8 @@ class Store:
 
         Parameters
         ----------
-        theta : (spec.size,) float32; None for a composed object, of which `record.members` is all.
+        functions : one theta, and the colour that `record.color_spec` describes; None for a composed object, of
+            which `record.members` is all.
 
         Raises
         ------
@@ -80,7 +83,7 @@ class Store:
         while True:  # again only where a delete came between
             try:
                 async with self._engine.begin() as connection:
-                    await _insert(connection, record, theta)
+                    await _insert(connection, record, functions)
             except IntegrityError:
                 found = await self.find(record.id)
                 if found is not None:
@@ -89,23 +92,23 @@ class Store:
             else:
                 return record, True
 
-    async def find(self, object_id: str) -> tuple[Record, Array] | None:
-        """The object of that id and its theta, float32: (spec.size,), or (k, spec.size) of a composed object, in
-        the order of its word. None where there is none."""
+    async def find(self, object_id: str) -> tuple[Record, Functions] | None:
+        """The object of that id and its functions; of a composed object those of its word, in order. None where
+        there is none."""
         async with self._engine.connect() as connection:
             row = (await connection.execute(select(objects).where(objects.c.id == object_id))).first()
             if row is None:
                 return None
             record = _record(row)
             if record.kind != "composed":
-                return record, _theta(row)
+                return record, _functions(row)
             query = select(objects).where(objects.c.id.in_(record.members))
-            thetas = {each.id: _theta(each) for each in await connection.execute(query)}
-        if thetas.keys() != set(record.members):
+            found = {each.id: _functions(each) for each in await connection.execute(query)}
+        if found.keys() != set(record.members):
             return None  # deleted between the two queries, and then an object of its word
-        return record, np.stack([thetas[member] for member in record.members])
+        return record, joined([found[member] for member in record.members])
 
-    async def get(self, object_id: str) -> tuple[Record, Array]:
+    async def get(self, object_id: str) -> tuple[Record, Functions]:
         """As `find`. Raises NotFound."""
         found = await self.find(object_id)
         if found is None:
@@ -113,7 +116,7 @@ class Store:
         return found
 
     async def records(self, ids: Sequence[str]) -> dict[str, Record]:
-        """Those of the objects that are there, by id, without their thetas."""
+        """Those of the objects that are there, by id, without their functions."""
         async with self._engine.connect() as connection:
             rows = await connection.execute(select(*HEADER).where(objects.c.id.in_(ids)))
             return {row.id: _record(row) for row in rows}
@@ -169,7 +172,8 @@ class Store:
             raise InUse(f"composed objects are made of it: {', '.join(found[:MAX_NAMED])}{more}; delete them first")
 
 
-async def _insert(connection: AsyncConnection, record: Record, theta: Array | None) -> None:
+async def _insert(connection: AsyncConnection, record: Record, functions: Functions | None) -> None:
+    color = functions.color if functions else None
     values = {
         "id": record.id,
         "kind": record.kind,
@@ -177,7 +181,9 @@ async def _insert(connection: AsyncConnection, record: Record, theta: Array | No
         "model": record.model,
         "spec": record.spec.to_json(),
         "members": " ".join(record.members),
-        "theta": None if theta is None else np.ascontiguousarray(theta, dtype="<f4").tobytes(),
+        "theta": _bytes(functions.theta) if functions else None,
+        "color": _bytes(color.weights) if color else None,
+        "color_spec": record.color_spec.to_json() if record.color_spec else None,
     }
     await connection.execute(objects.insert().values(values))
     if record.kind == "composed":
@@ -188,11 +194,22 @@ async def _insert(connection: AsyncConnection, record: Record, theta: Array | No
 def _record(row: Row[Any]) -> Record:
     created_at = row.created_at.replace(tzinfo=UTC)  # SQLite drops the zone; it was UTC
     spec, members = MappingSpec.from_json(row.spec), tuple(row.members.split())
-    return Record(row.id, row.kind, row.model, spec, created_at, members)
+    color_spec = MappingSpec.from_json(row.color_spec) if row.color_spec else None
+    return Record(row.id, row.kind, row.model, spec, created_at, members, color_spec)
 
 
-def _theta(row: Row[Any]) -> Array:
-    return np.frombuffer(row.theta, dtype="<f4").astype(np.float32, copy=False)
+def _functions(row: Row[Any]) -> Functions:
+    if row.color is None:
+        return Functions(_array(row.theta))
+    return Functions(_array(row.theta), Color(MappingSpec.from_json(row.color_spec), _array(row.color)))
+
+
+def _bytes(array: Array) -> bytes:
+    return np.ascontiguousarray(array, dtype="<f4").tobytes()
+
+
+def _array(data: bytes) -> Array:
+    return np.frombuffer(data, dtype="<f4").astype(np.float32, copy=False)
 
 
 def _encode_cursor(seq: int) -> str:

@@ -1,4 +1,5 @@
-"""A tiny image encoder as ONNX, for tests: theta is a linear function of the image's mean colour."""
+"""A tiny image encoder as ONNX, for tests: theta is a linear function of the image's mean colour, and so is what
+colours the points, where it is asked for."""
 
 import json
 from pathlib import Path
@@ -11,6 +12,7 @@ from onnx import TensorProto, helper, numpy_helper
 from service.mapping import Array, MappingSpec, initial_theta
 
 SPEC = MappingSpec("tiny", input_dim=3, hidden=(16,), output_dim=3, k=2)
+COLOR_SPEC = MappingSpec("tiny colour", input_dim=3, hidden=(8,), output_dim=3)
 SIZE = 32
 CARD = {
     "name": "tiny-k2",
@@ -21,10 +23,11 @@ CARD = {
 }
 
 
-def metadata(spec: MappingSpec = SPEC) -> dict[str, str]:
+def metadata(spec: MappingSpec = SPEC, color_spec: MappingSpec | None = None) -> dict[str, str]:
     """What `hof-model export` writes beside the graph."""
     framing = {"size": SIZE, "foreground_ratio": 0.85}
-    return {"hof.spec": spec.to_json(), "hof.framing": json.dumps(framing), "hof.card": json.dumps(CARD)}
+    told = {"hof.spec": spec.to_json(), "hof.framing": json.dumps(framing), "hof.card": json.dumps(CARD)}
+    return told | ({"hof.color_spec": color_spec.to_json()} if color_spec else {})
 
 
 def parameters(spec: MappingSpec = SPEC) -> tuple[Array, Array]:
@@ -32,31 +35,41 @@ def parameters(spec: MappingSpec = SPEC) -> tuple[Array, Array]:
     return np.stack([0.3 * initial_theta(spec, seed) for seed in (1, 2, 3)]), initial_theta(spec, 0)
 
 
+def color_parameters(spec: MappingSpec = COLOR_SPEC) -> tuple[Array, Array]:
+    """The same for the colour's weights: colours of all kinds, some of them clipped."""
+    matrix, b = parameters(spec)
+    b[-spec.output_dim :] += np.float32(0.5)
+    return 3 * matrix, 3 * b
+
+
 def build(
     path: Path,
     spec: MappingSpec = SPEC,
     *,
+    color_spec: MappingSpec | None = None,
     meta: dict[str, str] | None = None,
     bias: float = 0.0,
     batch: str | int = "batch",
     output: str = "theta",
 ) -> Path:
-    """Write the model; the keywords make it wrong in one way each."""
-    matrix, b = parameters(spec)
+    """Write the model, with `color_spec` one in colour; the other keywords make it wrong in one way each."""
+    heads = {output: parameters(spec)} | ({"color": color_parameters(color_spec)} if color_spec else {})
     nodes = [
         helper.make_node("GlobalAveragePool", ["image"], ["pooled"]),  # (b, 3, 1, 1)
-        helper.make_node("Flatten", ["pooled"], ["colour"]),  # (b, 3)
-        helper.make_node("Gemm", ["colour", "W", "b"], [output]),  # (b, spec.size)
+        helper.make_node("Flatten", ["pooled"], ["mean"]),  # (b, 3)
+        *(helper.make_node("Gemm", ["mean", f"{name}.W", f"{name}.b"], [name]) for name in heads),  # (b, size)
     ]
+    tensors = {f"{name}.W": matrix for name, (matrix, _) in heads.items()}
+    tensors |= {f"{name}.b": b + np.float32(bias) for name, (_, b) in heads.items()}
     graph = helper.make_graph(
         nodes,
         "tiny",
         [helper.make_tensor_value_info("image", TensorProto.FLOAT, [batch, 3, SIZE, SIZE])],
-        [helper.make_tensor_value_info(output, TensorProto.FLOAT, [batch, matrix.shape[1]])],
-        [numpy_helper.from_array(matrix, "W"), numpy_helper.from_array(b + np.float32(bias), "b")],
+        [helper.make_tensor_value_info(name, TensorProto.FLOAT, [batch, len(b)]) for name, (_, b) in heads.items()],
+        [numpy_helper.from_array(array, name) for name, array in tensors.items()],
     )
     model: Any = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
-    helper.set_model_props(model, metadata(spec) if meta is None else meta)
+    helper.set_model_props(model, metadata(spec, color_spec) if meta is None else meta)
     onnx.checker.check_model(model)
     onnx.save(model, str(path))
     return path

@@ -12,7 +12,7 @@ from starlette.responses import Response
 from service.composition import Proposal, check_values, propose
 from service.errors import InvalidInput, NotFound
 from service.ids import is_id
-from service.mapping import Array
+from service.mapping import Functions
 from service.queries import Composition, NoQuery
 from service.runtime import Ready, Runtime
 from service.schemas import ComposedObjects, Problem, StoredObject
@@ -81,8 +81,8 @@ async def _read(request: Request) -> Composition:
         raise RequestValidationError(errors) from error
 
 
-async def _members(runtime: Runtime, ids: Sequence[str]) -> list[tuple[Record, Array]]:
-    """The objects that are named, with their thetas. Raises NotFound for the first that is not there."""
+async def _members(runtime: Runtime, ids: Sequence[str]) -> list[tuple[Record, Functions]]:
+    """The objects that are named, with their functions. Raises NotFound for the first that is not there."""
     members = []
     for index, object_id in enumerate(ids):
         found = await runtime.store.find(object_id) if is_id(object_id) else None
@@ -99,7 +99,7 @@ async def _keep(runtime: Runtime, proposals: Sequence[Proposal]) -> tuple[list[R
     await runtime.run(check_values, fresh)
     any_new = False
     for proposal in fresh:
-        record, new = await runtime.store.put(proposal.record, proposal.theta)
+        record, new = await runtime.store.put(proposal.record, proposal.own)
         kept[record.id] = record
         any_new |= new
     return [kept[proposal.record.id] for proposal in proposals], any_new

@@ -11,10 +11,10 @@ from starlette.responses import Response
 from service.errors import InvalidParameter
 from service.ids import encoded_id
 from service.images import Framed, Framing, preprocess
-from service.mapping import Array
+from service.mapping import Functions
 from service.queries import EncodeQuery
 from service.runtime import Ready, Runtime
-from service.schemas import EncodedObject, EncodedWeights, ImageReport, Problem, Spec, base64_of
+from service.schemas import EncodedObject, EncodedWeights, Problem
 from service.store import Record
 from service.uploads import read_image
 
@@ -79,16 +79,17 @@ async def encode(
         framing = replace(framing, foreground_ratio=query.foreground_ratio)
     framed = await runtime.run(preprocess, image, framing, query.background, settings.max_image_pixels, runtime.matting)
     if not query.store:
-        return _weights(runtime, framed, await _infer(runtime, framed))
-    record, theta, created = await _put(runtime, image, framing, framed)
+        functions = await _infer(runtime, framed)
+        return EncodedWeights.of(encoder.name, encoder.spec, functions, framed)
+    record, functions, created = await _put(runtime, image, framing, framed)
     if created:
         response.status_code = 201
         response.headers["Location"] = f"/objects/{record.id}"
-    return EncodedObject.of_image(record, framed, theta if query.include == "weights" else None)
+    return EncodedObject.of_image(record, framed, functions if query.include == "weights" else None)
 
 
-async def _put(runtime: Runtime, image: bytes, framing: Framing, framed: Framed) -> tuple[Record, Array, bool]:
-    """The object of a framed image, its theta, and whether it is new."""
+async def _put(runtime: Runtime, image: bytes, framing: Framing, framed: Framed) -> tuple[Record, Functions, bool]:
+    """The object of a framed image, its functions, and whether it is new."""
     encoder, store = runtime.encoder, runtime.store
     models = [encoder.digest]
     if framed.mask == "matting" and runtime.matting:
@@ -97,24 +98,11 @@ async def _put(runtime: Runtime, image: bytes, framing: Framing, framed: Framed)
     known = await store.find(object_id)
     if known is not None:
         return *known, False
-    theta = await _infer(runtime, framed)
-    record, created = await store.put(
-        Record(object_id, "encoded", encoder.name, encoder.spec, datetime.now(UTC)), theta
-    )
-    return record, theta, created
+    functions = await _infer(runtime, framed)
+    new = Record(object_id, "encoded", encoder.name, encoder.spec, datetime.now(UTC), color_spec=encoder.color_spec)
+    record, created = await store.put(new, functions)
+    return record, functions, created
 
 
-async def _infer(runtime: Runtime, framed: Framed) -> Array:
-    theta: Array = (await runtime.run(runtime.encoder.encode, framed.tensor))[0]
-    return theta
-
-
-def _weights(runtime: Runtime, framed: Framed, theta: Array) -> EncodedWeights:
-    encoder = runtime.encoder
-    return EncodedWeights(
-        model=encoder.name,
-        spec=Spec.of(encoder.spec),
-        bytes=theta.nbytes,
-        image=ImageReport.of(framed),
-        weights=base64_of(theta),
-    )
+async def _infer(runtime: Runtime, framed: Framed) -> Functions:
+    return (await runtime.run(runtime.encoder.encode, framed.tensor))[0]
