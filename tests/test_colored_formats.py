@@ -53,14 +53,13 @@ def test_colored_gltf_holds_linear_light(name: str) -> None:
     else:
         document = json.loads(data)
         binary = base64.b64decode(document["buffers"][0]["uri"].partition(",")[2])
-    stride = document["bufferViews"][0]["byteStride"]
-    assert len(binary) == document["buffers"][0]["byteLength"] == 256 * stride
-    rows = np.frombuffer(binary, np.uint8).reshape(256, stride)
-    np.testing.assert_array_equal(np.ascontiguousarray(rows[:, :12]).view("<f4"), points)
-    linear = np.ascontiguousarray(rows[:, 12:20]).view("<u2") / 65_535
-    assert (linear[:, 3] == 1).all()
-    srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)[:, :3]
-    np.testing.assert_array_equal(np.rint(255 * srgb), levels)  # sixteen bits lose no level
+    assert len(binary) == document["buffers"][0]["byteLength"] == 256 * 24
+    assert document["bufferViews"][0]["byteStride"] == 24
+    rows = np.frombuffer(binary, "<f4").reshape(256, 6)
+    np.testing.assert_array_equal(rows[:, :3], points)
+    linear = rows[:, 3:].astype(np.float64)
+    srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    np.testing.assert_array_equal(np.rint(255 * srgb), levels)
     assert document["materials"][0]["pbrMetallicRoughness"]["baseColorFactor"] == [1, 1, 1, 1]
     assert document["meshes"][0]["primitives"][0]["attributes"] == {"POSITION": 0, "COLOR_0": 1}
 

@@ -130,9 +130,9 @@ _GLTF = PointFormat(
 )
 _COLORED_GLTF = replace(
     _GLTF,
-    head=partial(gltf.json_head, stride=gltf.JSON_COLORED),
+    head=partial(gltf.json_head, stride=gltf.COLORED),
     passes=(_colored_points(gltf.colored_json_body),),
-    length=partial(gltf.json_length, stride=gltf.JSON_COLORED),
+    length=partial(gltf.json_length, stride=gltf.COLORED),
 )
 _PCD = PointFormat("pcd", "application/x-pcd", ".pcd", pcd.head, (_points(raw.float32),), length=pcd.length)
 _COLORED_PCD = replace(

@@ -3,7 +3,8 @@
 glTF's frame is ours: right-handed, +Y up, front +Z. Its JSON stands before the points and holds their
 bounds, so it is padded with spaces to a fixed size: the length is known before any point is.
 
-A point's colour stands beside it, as glTF wants it: linear, not sRGB; four uint16 of which the last is opaque.
+A point's colour stands beside it, as glTF wants it: linear, not sRGB. It is three float32: programs that read uint16
+wrongly are in use (trimesh 4 keeps the low byte), and one byte is too coarse for what is dark.
 """
 
 import base64
@@ -12,16 +13,14 @@ import struct
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from service.formats import raw
 from service.mapping import Array, Colors
 
 JSON_BYTES: Final = 1024
 PLAIN: Final = 12  # bytes a point: three float32
-COLORED: Final = 20  # and four uint16
-JSON_COLORED: Final = 24  # and padding: pieces of whole points join in base64 where these are a multiple of 3
-_FLOAT, _UINT16, _ARRAY_BUFFER, _POINTS = 5126, 5123, 34962, 0
+COLORED: Final = 24  # six; like `PLAIN` a multiple of 3, so that pieces of base64 join without padding
+_FLOAT, _ARRAY_BUFFER, _POINTS = 5126, 34962, 0
 _URI: Final = "data:application/octet-stream;base64,"
 _JSON_TAIL: Final = b'"}]}'
 _GREY = [0.18, 0.18, 0.2, 1.0]  # linear RGBA: visible on white and on black
@@ -55,8 +54,8 @@ def head(n: int, bounds: tuple[Array, Array] | None, *, stride: int = PLAIN) -> 
 
 
 def colored_body(points: Array, colors: Colors) -> bytes:
-    """Points (m, 3) and their colours -> `COLORED` m bytes."""
-    return raw.beside(points, _linear(colors))
+    """Points (m, 3) and their colours (m, 3) -> 24 m bytes."""
+    return raw.float32(np.concatenate([points, _LINEAR[colors]], axis=1))
 
 
 def length(n: int, *, stride: int = PLAIN) -> int:
@@ -82,14 +81,13 @@ def json_head(n: int, bounds: tuple[Array, Array] | None, *, stride: int = PLAIN
 
 
 def json_body(points: Array) -> bytes:
-    """Points (m, 3) -> 16 m bytes of base64: 12 bytes a point, so that pieces join without padding."""
+    """Points (m, 3) -> 16 m bytes of base64."""
     return base64.b64encode(raw.float32(points))
 
 
 def colored_json_body(points: Array, colors: Colors) -> bytes:
-    """Points (m, 3) and their colours -> 32 m bytes of base64, of `JSON_COLORED` bytes a point."""
-    padding = ((0, 0), (0, JSON_COLORED - COLORED))
-    return base64.b64encode(raw.beside(points, np.pad(_linear(colors), padding)))
+    """Points (m, 3) and their colours (m, 3) -> 32 m bytes of base64."""
+    return base64.b64encode(colored_body(points, colors))
 
 
 def json_tail(n: int) -> bytes:
@@ -102,22 +100,14 @@ def json_length(n: int, *, stride: int = PLAIN) -> int:
     return JSON_BYTES + stride // 3 * 4 * n + len(_JSON_TAIL)
 
 
-def _linear_levels() -> npt.NDArray[np.uint16]:
-    """Each sRGB level as linear light (IEC 61966-2-1), 0 to 65535."""
+def _linear() -> Array:
+    """Each of the 256 sRGB levels as linear light in [0, 1] (IEC 61966-2-1)."""
     level = np.arange(256) / 255
     linear = np.where(level <= 0.04045, level / 12.92, ((level + 0.055) / 1.055) ** 2.4)
-    levels: npt.NDArray[np.uint16] = np.rint(65_535 * linear).astype("<u2")
-    return levels
+    return linear.astype(np.float32)
 
 
-_LEVELS: Final = _linear_levels()
-
-
-def _linear(colors: Colors) -> Colors:
-    """sRGB (m, 3) -> linear red, green, blue and opaque alpha, four uint16 as bytes: (m, 8) uint8."""
-    rgba = np.full((len(colors), 4), 65_535, "<u2")
-    rgba[:, :3] = _LEVELS[colors]
-    return rgba.view(np.uint8)
+_LINEAR: Final = _linear()
 
 
 def _document(n: int, low: Array, high: Array, stride: int) -> dict[str, Any]:
@@ -133,10 +123,9 @@ def _document(n: int, low: Array, high: Array, stride: int) -> dict[str, Any]:
     color = {
         "bufferView": 0,
         "byteOffset": PLAIN,
-        "componentType": _UINT16,
-        "normalized": True,
+        "componentType": _FLOAT,
         "count": n,
-        "type": "VEC4",
+        "type": "VEC3",
     }
     attributes = {"POSITION": 0} | ({"COLOR_0": 1} if colored else {})
     base = {"baseColorFactor": _WHITE if colored else _GREY, "metallicFactor": 0, "roughnessFactor": 1}
