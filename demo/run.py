@@ -45,7 +45,7 @@ def main() -> int:
     try:
         out.mkdir(parents=True, exist_ok=True)
         with serving() as address:
-            rows = [row(photo, lift(photo, address, out)) for photo in photos]
+            rows = [row(photo, *lift(photo, address, out)) for photo in photos]
     except urllib.error.HTTPError as error:
         return fail(f"{error.url} answered {error.code}: {error.read().decode(errors='replace')}")
     except (OSError, RuntimeError) as error:
@@ -101,8 +101,8 @@ def request(url: str, body: bytes | None = None) -> bytes:
     return data
 
 
-def lift(photo: Path, address: str, out: Path) -> Floats:
-    """Encode a photo over HTTP, write its points as PLY and GLB, and return them, (n, 3)."""
+def lift(photo: Path, address: str, out: Path) -> tuple[Floats, Bytes | None]:
+    """Encode a photo over HTTP, write its points as PLY and GLB, and return them, (n, 3), with their colours if any."""
     stored = json.loads(request(f"{address}/encode", photo.read_bytes()))
     files = {}
     for kind in ("ply", "glb"):
@@ -111,17 +111,18 @@ def lift(photo: Path, address: str, out: Path) -> Floats:
         path.write_bytes(files[kind])
         print(f"{path}: {POINTS} points of {photo.name}, {len(files[kind])} bytes")
     _, _, body = files["ply"].partition(b"end_header\n")
-    return np.frombuffer(body, "<f4").reshape(-1, 3)
+    rows = np.frombuffer(body, np.uint8).reshape(POINTS, -1)  # x y z, float32; red green blue, a byte each
+    return np.ascontiguousarray(rows[:, :12]).view("<f4"), rows[:, 12:] if stored.get("color") else None
 
 
-def row(photo: Path, points: Floats) -> Bytes:
+def row(photo: Path, points: Floats, colors: Bytes | None) -> Bytes:
     """A photo and its points side by side, (SIDE, 2 * SIDE, 3)."""
     cell = Image.new("RGBA", (SIDE, SIDE), "white")
     picture = Image.open(photo).convert("RGBA")
     scale = 0.9 * SIDE / max(picture.size)
     picture = picture.resize((round(picture.width * scale), round(picture.height * scale)))
     cell.alpha_composite(picture, ((SIDE - picture.width) // 2, (SIDE - picture.height) // 2))
-    drawn = Image.fromarray(draw(points, SIDE * SUPERSAMPLING)).reduce(SUPERSAMPLING)
+    drawn = Image.fromarray(draw(points, SIDE * SUPERSAMPLING, colors=colors)).reduce(SUPERSAMPLING)
     return np.concatenate([np.asarray(cell.convert("RGB")), np.asarray(drawn)], axis=1)
 
 

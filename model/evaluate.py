@@ -71,8 +71,8 @@ def encoder_answer(encoder: Encoder) -> Answer:
     """What the service would answer with this encoder."""
 
     def answer(photo: bytes, n: int) -> Floats:
-        theta = encoder.encode(preprocess(photo, encoder.framing).tensor)[0]
-        return draw(encoder.spec, theta, n)
+        functions = encoder.encode(preprocess(photo, encoder.framing).tensor)[0]
+        return draw(encoder.spec, functions.theta, n)
 
     return answer
 

@@ -71,7 +71,7 @@ def parity(encoder: ImageEncoder, config: TrainConfig, exported: Encoder, seed: 
     rng = np.random.default_rng(seed)
     images = rng.random((PARITY_IMAGES, 3, config.framing.size, config.framing.size), np.float32)
     theta = encoder(torch.from_numpy(images))
-    theta_ort = exported.encode(images)
+    theta_ort = np.stack([functions.theta for functions in exported.encode(images)])
     canonical = canonical_points(spec.domain, PARITY_POINTS, seed)
     points = power(spec, theta, torch.from_numpy(canonical).expand(PARITY_IMAGES, -1, -1)).numpy()
     reference = np.stack([mapping.power(spec, row, canonical) for row in theta_ort])

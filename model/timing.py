@@ -38,7 +38,8 @@ def encoder_ms(data: bytes) -> float:
 def mapping_decoder(encoder: Encoder) -> Decoder:
     """The mapping function, k times applied, as the service samples it."""
     spec = encoder.spec
-    theta = encoder.encode(np.full((1, 3, encoder.framing.size, encoder.framing.size), 0.5, np.float32))[0]
+    grey = np.full((1, 3, encoder.framing.size, encoder.framing.size), 0.5, np.float32)
+    theta = encoder.encode(grey)[0].theta
     return Decoder(spec.size, len(spec.hidden) + 1, median_ms(lambda: draw(spec, theta)))
 
 

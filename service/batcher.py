@@ -13,12 +13,12 @@ from typing import Final
 
 import numpy as np
 
-from service.mapping import Array
+from service.mapping import Array, Functions
 
 MAX_BATCH: Final = 8  # images of a call; benchmarks/LOAD.md has the gain by size
 
-Waiting = tuple[Array, "asyncio.Future[Array]"]  # an image, and where its theta goes
-Outcome = Array | Exception
+Waiting = tuple[Array, "asyncio.Future[Functions]"]  # an image, and where its functions go
+Outcome = Functions | Exception
 Run = Callable[[Callable[[], list[Outcome]]], Awaitable[list[Outcome]]]
 
 
@@ -27,17 +27,17 @@ class Batcher:
 
     Parameters
     ----------
-    encode : (b, 3, size, size) -> (b, spec.size), as `Encoder.encode`.
+    encode : (b, 3, size, size) -> the functions of each, as `Encoder.encode`.
     run : calls a function on a worker thread.
 
     Attributes
     ----------
     images, calls : how many images were encoded or failed to be, and in how many calls; a client that left before
         its turn is in neither.
-    answered_at : when a call last gave a theta, `time.monotonic()`.
+    answered_at : when a call last gave a result, `time.monotonic()`.
     """
 
-    def __init__(self, encode: Callable[[Array], Array], run: Run) -> None:
+    def __init__(self, encode: Callable[[Array], Iterable[Functions]], run: Run) -> None:
         self._encode = encode
         self._run = run
         self._waiting: deque[Waiting] = deque()
@@ -45,12 +45,12 @@ class Batcher:
         self.images = self.calls = 0
         self.answered_at = time.monotonic()
 
-    async def encode(self, image: Array) -> Array:
-        """theta of one image: (1, 3, size, size) -> (spec.size,). Raises as `encode` does for this image alone.
+    async def encode(self, image: Array) -> Functions:
+        """The functions of one image, (1, 3, size, size). Raises as `encode` does for this image alone.
 
         Cancelled before a call has taken it, the image is never encoded.
         """
-        future: asyncio.Future[Array] = asyncio.get_running_loop().create_future()
+        future: asyncio.Future[Functions] = asyncio.get_running_loop().create_future()
         self._waiting.append((image, future))
         self._start()
         return await future
@@ -86,20 +86,20 @@ class Batcher:
         return self._outcomes([image for image, _ in batch])
 
     def _outcomes(self, images: list[Array]) -> list[Outcome]:
-        """Each image's theta, or what went wrong with it: where a call fails, each is encoded alone."""
+        """Each image's functions, or what went wrong with it: where a call fails, each is encoded alone."""
         if not images:
             return []
         self.calls += 1
         try:
-            thetas = self._encode(np.concatenate(images))
-            outcomes: list[Outcome] = [theta for _, theta in zip(images, thetas, strict=True)]
+            found = self._encode(np.concatenate(images))
+            outcomes: list[Outcome] = [functions for _, functions in zip(images, found, strict=True)]
         except Exception as error:  # whatever it is, it is told to who asked
             return [error] if len(images) == 1 else [self._outcomes([image])[0] for image in images]
         self.answered_at = time.monotonic()
         return outcomes
 
 
-def _settle(batch: Iterable[Waiting], outcomes: Iterable[Array | BaseException]) -> None:
+def _settle(batch: Iterable[Waiting], outcomes: Iterable[Functions | BaseException]) -> None:
     """Tell each its outcome, but for those whose client left."""
     for (_, future), outcome in zip(batch, outcomes, strict=True):
         if future.done():

@@ -9,7 +9,6 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Final, get_args
 
-import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from service import __version__
@@ -20,7 +19,7 @@ from service.formats import POINT_FORMATS, PointFormat, write
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
 from service.images import Background, preprocess
 from service.keys import SCOPES, make_key
-from service.mapping import Array, MappingSpec
+from service.mapping import Functions, MappingSpec, joined
 from service.matting import Matting
 from service.points import check_size
 from service.queries import EncodeQuery, PointsQuery
@@ -116,7 +115,7 @@ def _add_output(parser: argparse.ArgumentParser, suffixes: list[str]) -> None:
 
 
 def _add_sampling(parser: argparse.ArgumentParser) -> None:
-    for name in ("n", "seed", "scale", "sampling"):
+    for name in ("n", "seed", "scale", "sampling", "color"):
         field = PointsQuery.model_fields[name]
         parser.add_argument(
             f"--{name}", default=argparse.SUPPRESS, help=f"{field.description}; default: {field.default}"
@@ -171,34 +170,39 @@ def _encode(arguments: argparse.Namespace) -> None:
     matting = Matting.of(settings.matting_model, settings.threads)
     photo = arguments.photo.read_bytes()
     framed = preprocess(photo, framing, query.background, settings.max_image_pixels, matting)
-    weights = Weights(encoder.spec, encoder.encode(framed.tensor)[0], encoder.name)
+    functions = encoder.encode(framed.tensor)[0]
     if as_weights:
+        weights = Weights(encoder.spec, functions.theta, encoder.name, color=functions.color)
         _write(arguments.output, [dump(weights, "safetensors")])
     else:
-        _write_points(arguments, weights.spec, weights.theta)
+        _write_points(arguments, encoder.spec, functions)
 
 
 def _sample(arguments: argparse.Namespace) -> None:
     """Sample a weights file: the same points as the service gives for the object."""
     _points_query(arguments)
     weights = _load(arguments.weights)
-    _write_points(arguments, weights.spec, weights.theta)
+    _write_points(arguments, weights.spec, weights.functions)
 
 
 def _compose(arguments: argparse.Namespace) -> None:
     """Compose the functions of k weights files and write the points of A B: f_A(f_B(x)), the last one applied first."""
     _points_query(arguments)
     word = [_load(path) for path in arguments.weights]
-    kinds = ((weights.spec, bool(weights.word)) for weights in word)
+    kinds = ((each.spec, bool(each.word), each.color.spec if each.color else None) for each in word)
     check([Member(str(path), *kind) for path, kind in zip(arguments.weights, kinds, strict=True)], "compose")
-    _write_points(arguments, word[0].spec, np.stack([weights.theta for weights in word]))
+    _write_points(arguments, word[0].spec, joined([each.functions for each in word]))
 
 
 def _info(arguments: argparse.Namespace) -> None:
-    """Print the model's name, the spec and the size of theta, as JSON; of a composed object its word too."""
+    """Print the model's name, the spec and the size of theta, as JSON; its word and its colour's spec, if any."""
     weights = _load(arguments.weights)
-    told = {"model": weights.model, "spec": asdict(weights.spec), "size": weights.spec.size}
-    print(json.dumps(told | ({"word": weights.word} if weights.word else {}), indent=2))
+    told: dict[str, Any] = {"model": weights.model, "spec": asdict(weights.spec), "size": weights.spec.size}
+    if weights.color:
+        told["color_spec"] = asdict(weights.color.spec)
+    if weights.word:
+        told["word"] = weights.word
+    print(json.dumps(told, indent=2))
 
 
 def _openapi(arguments: argparse.Namespace) -> None:
@@ -228,10 +232,10 @@ def _points_query(arguments: argparse.Namespace) -> tuple[PointFormat, PointsQue
     return formats[suffix], query
 
 
-def _write_points(arguments: argparse.Namespace, spec: MappingSpec, theta: Array) -> None:
+def _write_points(arguments: argparse.Namespace, spec: MappingSpec, functions: Functions) -> None:
     fmt, query = _points_query(arguments)
-    cloud = query.cloud(spec, theta)
-    _write(arguments.output, write(fmt, cloud.n, cloud.chunks))
+    cloud = query.cloud(spec, functions)
+    _write(arguments.output, write(fmt.holding(color=cloud.functions.color is not None), cloud))
 
 
 def _write(path: Path, pieces: Iterable[bytes]) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from service.errors import CorruptWeights, InvalidParameter
 from service.formats.weights import MAX_LABEL
 from service.ids import composed_id, interpolated_id
-from service.mapping import Array, MappingSpec, word_of
+from service.mapping import Array, Color, Functions, MappingSpec, joined
 from service.points import check_finite
 from service.store import Record
 
@@ -29,24 +29,26 @@ class Member:
 
     name : what its user knows it by: its place in the request, or its file.
     is_composed : it is a word itself.
+    color_spec : None where it has no colour.
     """
 
     name: str
     spec: MappingSpec
     is_composed: bool
+    color_spec: MappingSpec | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
     """An object that is not kept yet.
 
-    theta : (spec.size,) float32; None for a composed object.
-    word : its k functions, the last one applied first.
+    own : its functions; None for a composed object.
+    functions : its own, or those of its word.
     """
 
     record: Record
-    theta: Array | None
-    word: tuple[Array, ...]
+    own: Functions | None
+    functions: Functions
 
 
 def check(members: Sequence[Member], mode: Mode) -> None:
@@ -54,7 +56,10 @@ def check(members: Sequence[Member], mode: Mode) -> None:
     for member in members:
         if member.is_composed:
             raise InvalidParameter(f"{member.name} is composed: name the objects of its word", field=member.name)
-        _check_spec(member, members[0])
+        _check_equal(member.name, member.spec, members[0].name, members[0].spec, "")
+    colored = [(member.name, member.color_spec) for member in members if member.color_spec]
+    for name, color_spec in colored:
+        _check_equal(name, color_spec, *colored[0], "colour's ")
     k, count = members[0].spec.k, len(members)
     if mode == "interpolate":
         if count < 2:
@@ -70,18 +75,18 @@ def check(members: Sequence[Member], mode: Mode) -> None:
         raise InvalidParameter(f"all would make 2^{k} words, at most {MAX_WORDS}", field="mode")
 
 
-def propose(found: Sequence[tuple[Record, Array]], mode: Mode) -> list[Proposal]:
+def propose(found: Sequence[tuple[Record, Functions]], mode: Mode) -> list[Proposal]:
     """The objects that a request for stored objects asks for; `all` orders them AA, AB, BA, BB.
 
     Parameters
     ----------
-    found : the objects as named, at least one, each with its theta.
+    found : the objects as named, at least one, each with its functions.
 
     Raises
     ------
     InvalidParameter : as `check`; two objects of `all` that are one.
     """
-    kinds = ((record.spec, record.kind == "composed") for record, _ in found)
+    kinds = ((record.spec, record.kind == "composed", record.color_spec) for record, _ in found)
     check([Member(f"objects[{index}]", *kind) for index, kind in enumerate(kinds)], mode)
     if mode == "interpolate":
         return [_interpolated(found)]
@@ -96,36 +101,46 @@ def check_values(proposals: Sequence[Proposal]) -> None:
     """Refuse objects whose points exceed float32, with InvalidParameter: each function may be sound, the word not."""
     for proposal in proposals:
         try:
-            check_finite(proposal.record.spec, proposal.word)
+            check_finite(proposal.record.spec, proposal.functions)
         except CorruptWeights as error:
             members = ", ".join(proposal.record.members)
             raise InvalidParameter(f"the points of {members} together exceed float32", field="objects") from error
 
 
-def _composed(word: Sequence[tuple[Record, Array]]) -> Proposal:
-    ids = tuple(record.id for record, _ in word)
-    record = Record(composed_id(ids), "composed", _model(word), word[0][0].spec, datetime.now(UTC), ids)
-    return Proposal(record, None, tuple(theta for _, theta in word))
+def _composed(word: Sequence[tuple[Record, Functions]]) -> Proposal:
+    functions = joined([each for _, each in word])
+    return Proposal(_record("composed", word, functions), None, functions)
 
 
-def _interpolated(parents: Sequence[tuple[Record, Array]]) -> Proposal:
-    """The mean of thetas, which the paper compares composition with ("Object Interpolation")."""
-    ids, spec = tuple(record.id for record, _ in parents), parents[0][0].spec
-    theta = np.stack([theta for _, theta in parents]).mean(axis=0, dtype=np.float64).astype(np.float32)
-    record = Record(interpolated_id(ids), "interpolated", _model(parents), spec, datetime.now(UTC), ids)
-    return Proposal(record, theta, word_of(spec, theta))
+def _interpolated(parents: Sequence[tuple[Record, Functions]]) -> Proposal:
+    """The mean of thetas, which the paper compares composition with ("Object Interpolation"); and of colours."""
+    every = joined([each for _, each in parents])
+    functions = Functions(
+        _mean(every.theta), Color(every.color.spec, _mean(every.color.weights)) if every.color else None
+    )
+    return Proposal(_record("interpolated", parents, functions), functions, functions)
 
 
-def _model(members: Sequence[tuple[Record, Array]]) -> str:
-    """The models that thetas come from, as one name that a weights file can carry."""
-    return " + ".join(dict.fromkeys(record.model for record, _ in members))[:MAX_LABEL]
+def _mean(rows: Array) -> Array:
+    mean: Array = rows.mean(axis=0, dtype=np.float64).astype(np.float32)
+    return mean
 
 
-def _check_spec(member: Member, first: Member) -> None:
-    theirs = asdict(first.spec)
-    for name, value in asdict(member.spec).items():
-        if value != theirs[name]:
+def _record(
+    kind: Literal["composed", "interpolated"], members: Sequence[tuple[Record, Functions]], functions: Functions
+) -> Record:
+    """The record of a new object. Its model is those that thetas come from, as one name that a file can carry."""
+    ids = tuple(record.id for record, _ in members)
+    id_ = composed_id(ids) if kind == "composed" else interpolated_id(ids)
+    model = " + ".join(dict.fromkeys(record.model for record, _ in members))[:MAX_LABEL]
+    color_spec = functions.color.spec if functions.color else None
+    return Record(id_, kind, model, members[0][0].spec, datetime.now(UTC), ids, color_spec)
+
+
+def _check_equal(name: str, spec: MappingSpec, first_name: str, first: MappingSpec, whose: str) -> None:
+    theirs = asdict(first)
+    for field, value in asdict(spec).items():
+        if value != theirs[field]:
             raise InvalidParameter(
-                f"{member.name} has the {name} {value}, {first.name} {theirs[name]}: specs must be equal",
-                field=member.name,
+                f"{name} has the {whose}{field} {value}, {first_name} {theirs[field]}: specs must be equal", field=name
             )

@@ -63,8 +63,8 @@ objects: Final = Table(
     Column("spec", Text, nullable=False),
     Column("members", Text, nullable=False),  # ids of what it was made from, in order, a space between two
     Column("theta", LargeBinary),  # a composed object has none: its word is in `members`
-    Column("color", LargeBinary, nullable=True),
-    Column("color_spec", Text, nullable=True),
+    Column("color", LargeBinary, nullable=True),  # of what has a theta and a colour
+    Column("color_spec", Text, nullable=True),  # of every object that has a colour
     sqlite_autoincrement=True,  # never reuses the seq of a deleted object: cursors stay true
 )
 # Each object that a word names, once: it is here that the database refuses to delete it, or to name one that is gone.

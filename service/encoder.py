@@ -1,4 +1,4 @@
-"""The image encoder g_phi: an ONNX file with its own description -> theta."""
+"""The image encoder g_phi: an ONNX file with its own description -> theta, and colour where it has one."""
 
 import hashlib
 import json
@@ -10,7 +10,7 @@ import onnxruntime as ort
 
 from service.errors import InvalidModel, InvalidSpec
 from service.images import Framing
-from service.mapping import Array, MappingSpec
+from service.mapping import Array, Color, Functions, MappingSpec, check_color_spec
 
 FORMAT: Final = 1  # of the metadata; files of before it was written have none
 MAX_SIDE: Final = 4096  # of an encoder's input, pixels: far above any real one
@@ -22,6 +22,7 @@ class Encoder:
     Attributes
     ----------
     spec : what the thetas mean.
+    color_spec : what the colours' weights mean; None where the model has no colour.
     framing : how the encoder wants its images.
     name, card : the model's name, and the whole model card, as in the file.
     digest : sha256 of the file, hexadecimal.
@@ -31,7 +32,8 @@ class Encoder:
         self._session = open_session(data, threads)
         metadata = self._session.get_modelmeta().custom_metadata_map
         _check_format(metadata)
-        self.spec: Final = _spec(metadata)
+        self.spec: Final = _spec(metadata, "hof.spec")
+        self.color_spec: Final = _color_spec(metadata, self.spec)
         self.framing: Final = _framing(metadata)
         self.card: Final = _card(metadata)
         self.name: Final[str] = self.card["name"]
@@ -59,17 +61,22 @@ class Encoder:
         except InvalidModel as error:
             raise InvalidModel(f"the model {path} is unusable: {error.detail}") from error
 
-    def encode(self, images: Array) -> Array:
-        """theta of each image (paper, section 3.2): (b, 3, size, size) in [0, 1] -> (b, spec.size).
+    def encode(self, images: Array) -> list[Functions]:
+        """What each image shows (paper, section 3.2): (b, 3, size, size) in [0, 1] -> b objects' functions.
 
         Raises
         ------
         InvalidModel : the network gave a number that is not finite.
         """
-        theta: Array = self._session.run(["theta"], {"image": images})[0]
-        if not np.isfinite(theta).all():
-            raise InvalidModel(f"the model {self.name} gave a theta that is not finite")
-        return theta
+        names = list(self._outputs)
+        outputs = dict(zip(names, self._session.run(names, {"image": images}), strict=True))
+        for name, output in outputs.items():
+            if not np.isfinite(output).all():
+                raise InvalidModel(f"the model {self.name} gave a {name} that is not finite")
+        if self.color_spec is None:
+            return [Functions(theta) for theta in outputs["theta"]]
+        colors = [Color(self.color_spec, weights) for weights in outputs["color"]]
+        return [Functions(theta, color) for theta, color in zip(outputs["theta"], colors, strict=True)]
 
     def blank(self) -> Array:
         """A white image as input, (1, 3, size, size): what asks for an inference and nothing else."""
@@ -79,11 +86,17 @@ class Encoder:
         """One inference: allocates what the first request would wait for."""
         self.encode(self.blank())
 
+    @property
+    def _outputs(self) -> dict[str, list[int]]:
+        """Names of the graph's outputs, and their shapes for one image."""
+        theta = {"theta": [self.spec.size]}
+        return theta if self.color_spec is None else theta | {"color": [self.color_spec.size]}
+
     def _check_graph(self) -> None:
         """Refuse metadata that disagrees with the graph."""
         size = self.framing.size
-        _check_tensor("input", self._session.get_inputs(), "image", [3, size, size])
-        _check_tensor("output", self._session.get_outputs(), "theta", [self.spec.size])
+        _check_tensors("input", self._session.get_inputs(), {"image": [3, size, size]})
+        _check_tensors("output", self._session.get_outputs(), self._outputs)
 
 
 def open_session(data: bytes, threads: int, *, arena: bool = True) -> ort.InferenceSession:
@@ -122,11 +135,23 @@ def _metadata(metadata: dict[str, str], key: str) -> object:
         raise InvalidModel(f"its metadata {key!r} is not JSON") from error
 
 
-def _spec(metadata: dict[str, str]) -> MappingSpec:
+def _spec(metadata: dict[str, str], key: str) -> MappingSpec:
     try:
-        return MappingSpec.from_dict(_metadata(metadata, "hof.spec"))
+        return MappingSpec.from_dict(_metadata(metadata, key))
     except InvalidSpec as error:
-        raise InvalidModel(f"its metadata 'hof.spec' is no mapping spec: {error.detail}") from error
+        raise InvalidModel(f"its metadata {key!r} is no mapping spec: {error.detail}") from error
+
+
+def _color_spec(metadata: dict[str, str], spec: MappingSpec) -> MappingSpec | None:
+    """The spec of the colours, where the file has any."""
+    if "hof.color_spec" not in metadata:
+        return None
+    color_spec = _spec(metadata, "hof.color_spec")
+    try:
+        check_color_spec(spec, color_spec)
+    except InvalidSpec as error:
+        raise InvalidModel(f"its metadata 'hof.color_spec' does not fit 'hof.spec': {error.detail}") from error
+    return color_spec
 
 
 def _framing(metadata: dict[str, str]) -> Framing:
@@ -145,13 +170,14 @@ def _card(metadata: dict[str, str]) -> dict[str, Any]:
     raise InvalidModel("its metadata 'hof.card' needs a name")
 
 
-def _check_tensor(kind: str, tensors: list[Any], name: str, shape: list[int]) -> None:
-    """The one tensor of that kind must be float32 (batch, *shape), the batch size left open."""
+def _check_tensors(kind: str, tensors: list[Any], expected: dict[str, list[int]]) -> None:
+    """The tensors of that kind must be float32 (batch, *shape), by name, and no others; the batch size left open."""
     found = {tensor.name: tensor for tensor in tensors}
-    if list(found) != [name]:
-        raise InvalidModel(f"its {kind} must be {name!r} alone, not {sorted(found)}")
-    tensor = found[name]
-    if tensor.type != "tensor(float)":
-        raise InvalidModel(f"its {kind} {name!r} must be float32, not {tensor.type}")
-    if tensor.shape[1:] != shape or isinstance(tensor.shape[0], int):
-        raise InvalidModel(f"its {kind} {name!r} has shape {tensor.shape}, its metadata says {['batch', *shape]}")
+    if found.keys() != expected.keys():
+        raise InvalidModel(f"by its metadata its {kind} is {' and '.join(expected)}, by its graph {', '.join(found)}")
+    for name, shape in expected.items():
+        tensor = found[name]
+        if tensor.type != "tensor(float)":
+            raise InvalidModel(f"its {kind} {name!r} must be float32, not {tensor.type}")
+        if tensor.shape[1:] != shape or isinstance(tensor.shape[0], int):
+            raise InvalidModel(f"its {kind} {name!r} has shape {tensor.shape}, its metadata says {['batch', *shape]}")

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from service.images import Mask
-from service.mapping import Array, MappingSpec
+from service.mapping import Array, Functions, MappingSpec
 
 ID_DIGITS: Final = 32  # hexadecimal: 128 bits
 
@@ -30,11 +30,12 @@ def encoded_id(image: bytes, mask: Mask, foreground_ratio: float, *model_digests
     )
 
 
-def imported_id(spec: MappingSpec, theta: Array) -> str:
-    """Id of an imported object: its theta (spec.size,) float32 and what that means."""
-    return _digest(
-        "imported", {"spec": spec.to_json(), "theta": hashlib.sha256(theta.astype("<f4").tobytes()).hexdigest()}
-    )
+def imported_id(spec: MappingSpec, functions: Functions) -> str:
+    """Id of an imported object: its theta (spec.size,) float32 and what that means; and its colour, if it has any."""
+    parts: dict[str, str | float] = {"spec": spec.to_json(), "theta": _array_digest(functions.theta)}
+    if functions.color:
+        parts |= {"color_spec": functions.color.spec.to_json(), "color": _array_digest(functions.color.weights)}
+    return _digest("imported", parts)
 
 
 def composed_id(word: Sequence[str]) -> str:
@@ -45,6 +46,10 @@ def composed_id(word: Sequence[str]) -> str:
 def interpolated_id(parents: Sequence[str]) -> str:
     """Id of an interpolated object: the ids of those whose thetas it averages, as they were named."""
     return _digest("interpolated", {"parents": " ".join(parents)})
+
+
+def _array_digest(array: Array) -> str:
+    return hashlib.sha256(array.astype("<f4").tobytes()).hexdigest()
 
 
 def _digest(kind: str, parts: dict[str, str | float]) -> str:

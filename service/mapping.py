@@ -19,6 +19,7 @@ from service.errors import InvalidSpec
 Activation = Literal["relu", "tanh"]
 Domain = Literal["ball", "sphere", "ball4", "cube"]
 Array = npt.NDArray[np.float32]
+Colors = npt.NDArray[np.uint8]  # (n, 3), sRGB: red, green, blue
 
 DOMAIN_DIMS: Final[dict[Domain, int]] = {"ball": 3, "sphere": 3, "ball4": 4, "cube": 3}
 MAX_WIDTH: Final = 65_536
@@ -123,6 +124,52 @@ class MappingSpec:
     def with_k(self, k: int) -> "MappingSpec":
         """The same function, applied k times."""
         return replace(self, k=k)
+
+
+@dataclass(frozen=True, eq=False)
+class Color:
+    """What colours an object: functions on its canonical points, whose values are red, green, blue.
+
+    The colour of the canonical point x is the mean over the functions of their values at x, each clipped to
+    [0, 1]; sRGB.
+
+    spec : the functions' common shape.
+    weights : (spec.size,) float32, laid out as theta is; of a composed object (m, spec.size), those of its k
+        functions that have a colour.
+    """
+
+    spec: MappingSpec
+    weights: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Functions:
+    """The functions of one object.
+
+    theta : (spec.size,) float32; of a composed object (k, spec.size), the last row applied first.
+    color : None where the object has no colour.
+    """
+
+    theta: Array
+    color: Color | None = None
+
+
+def joined(word: Sequence[Functions]) -> Functions:
+    """The functions of a composed object: those of its word, in order, whose specs are equal."""
+    colors = [functions.color for functions in word if functions.color]
+    color = Color(colors[0].spec, np.stack([each.weights for each in colors])) if colors else None
+    return Functions(np.stack([functions.theta for functions in word]), color)
+
+
+def check_color_spec(spec: MappingSpec, color_spec: MappingSpec) -> None:
+    """Refuse, with InvalidSpec, what cannot colour the canonical points of a mapping function."""
+    if color_spec.k != 1:
+        raise InvalidSpec(f"the colour's k must be 1, not {color_spec.k}", field="color_spec")
+    if color_spec.domain != spec.domain:
+        raise InvalidSpec(
+            f"the colour's domain must be {spec.domain!r}, as the points', not {color_spec.domain!r}",
+            field="color_spec",
+        )
 
 
 HOF_1: Final = MappingSpec("HOF-1", input_dim=3, hidden=(1024,), output_dim=3)

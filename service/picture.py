@@ -1,4 +1,4 @@
-"""A picture of a point cloud: orthographic, z-buffered, shaded by depth. NumPy only."""
+"""A picture of a point cloud: orthographic, z-buffered, shaded by depth, in its colours if it has any. NumPy only."""
 
 import math
 from typing import Final
@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from service.mapping import Array
+from service.mapping import Array, Colors
 
 Bytes = npt.NDArray[np.uint8]
 
@@ -16,13 +16,21 @@ EXTENT: Final = 1.45  # of the object frame, shown from edge to edge: the unit c
 NEAR: Final = np.array([44, 72, 120], np.float64)  # RGB of the nearest points
 FAR: Final = np.array([176, 196, 222], np.float64)
 GROUND: Final = 255
+DIMMEST: Final = 0.7  # of their colour's light: the farthest points
 
 
-def draw(points: Array, size: int, azimuth: float = AZIMUTH_DEG, elevation: float = ELEVATION_DEG) -> Bytes:
+def draw(
+    points: Array,
+    size: int,
+    azimuth: float = AZIMUTH_DEG,
+    elevation: float = ELEVATION_DEG,
+    colors: Colors | None = None,
+) -> Bytes:
     """Draw points over white: (n, 3) float32, object frame -> (size, size, 3) uint8 RGB.
 
     Parameters
     ----------
+    colors : of the points, (n, 3) uint8; None for shades of blue.
     azimuth, elevation : of the camera, degrees; azimuth 0 looks at the front (+Z).
     """
     image = np.full((size, size, 3), GROUND, np.uint8)
@@ -30,7 +38,7 @@ def draw(points: Array, size: int, azimuth: float = AZIMUTH_DEG, elevation: floa
     toward, right, up = camera_axes(azimuth, elevation)
     x, y, depth = points @ right, points @ up, points @ toward
     shade = np.clip((depth + 0.7) / 1.4, 0, 1)[:, None]  # 1 is nearest
-    colour = FAR + (NEAR - FAR) * shade
+    colour = FAR + (NEAR - FAR) * shade if colors is None else colors * (DIMMEST + (1 - DIMMEST) * shade)
     order = np.argsort(depth)  # far to near: the last one written wins
     pixels_per_unit = size / EXTENT
     spread = np.arange(1 + 2 * (size // 320)) - size // 320  # each point covers a small square

@@ -5,33 +5,32 @@ import zlib
 from collections import deque
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, Final, TypeVar
 
 import numpy as np
 
 from service.canonical import Sampling, check_range
+from service.color import ColorSampler
 from service.errors import InvalidParameter
-from service.formats import PointFormat
-from service.mapping import Array, MappingSpec
+from service.formats import Part, PointFormat
+from service.mapping import Array, Colors, Functions, MappingSpec, word_of
 from service.sampler import CHUNK, SCALES, Sampler
 
 PROBE_POINTS: Final = 4096  # of a new object: that it can be sampled at all
 FIRST_PART: Final = CHUNK // 16  # points; few, so that the first byte comes soon
 PART: Final = CHUNK
 
-Part = tuple[int, int]  # index of the first point, counted from the cloud's first; how many
 Run = Callable[..., Awaitable[Any]]
 Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
 class Cloud:
-    """Which points of an object: all that decides their coordinates.
+    """Which points of an object: all that decides their coordinates and their colours.
 
     Parameters
     ----------
-    word : the k thetas, the last one applied first; ``(theta,) * k`` for an encoded object.
     n, seed, offset, scale, sampling : as in `Sampler.points`.
 
     Raises
@@ -40,7 +39,7 @@ class Cloud:
     """
 
     spec: MappingSpec
-    word: tuple[Array, ...]
+    functions: Functions
     n: int
     seed: int = 0
     offset: int = 0
@@ -53,7 +52,14 @@ class Cloud:
     @cached_property
     def sampler(self) -> Sampler:
         """The object's functions, packed once for all parts."""
-        return Sampler(self.spec, self.word)
+        return Sampler(self.spec, word_of(self.spec, self.functions.theta))
+
+    @cached_property
+    def color_sampler(self) -> ColorSampler:
+        """What colours the object, packed once for all parts. Raises ValueError where nothing does."""
+        if self.functions.color is None:
+            raise ValueError("the object has no colour")
+        return ColorSampler(self.functions.color)
 
     def parts(self) -> Iterator[Part]:
         """All points in order."""
@@ -68,20 +74,24 @@ class Cloud:
         offset = self.offset + start
         return self.sampler.points(count, seed=self.seed, offset=offset, scale=self.scale, sampling=self.sampling)
 
-    def chunks(self) -> Iterator[Array]:
-        """The points of each part, one after another."""
-        return map(self.points, self.parts())
+    def colors(self, part: Part) -> Colors:
+        """Colours of a part's points, (count, 3) uint8, sRGB."""
+        start, count = part
+        return self.color_sampler.colors(count, seed=self.seed, offset=self.offset + start, sampling=self.sampling)
 
 
-def check_finite(spec: MappingSpec, word: tuple[Array, ...]) -> None:
-    """Sample some points of an object, by its k functions, at the largest scale.
+def check_finite(spec: MappingSpec, functions: Functions) -> None:
+    """Sample some points of an object at the largest scale, and their colours.
 
     Raises
     ------
     CorruptWeights : they exceed float32.
     """
-    for _ in Cloud(spec, word, PROBE_POINTS, scale=SCALES[1]).chunks():
-        pass  # the sampler raises
+    cloud = Cloud(spec, functions, PROBE_POINTS, scale=SCALES[1])
+    for part in cloud.parts():
+        cloud.points(part)  # the sampler raises
+        if functions.color:
+            cloud.colors(part)
 
 
 def check_size(fmt: PointFormat, n: int, max_points: int) -> None:
@@ -106,10 +116,11 @@ async def stream(fmt: PointFormat, cloud: Cloud, run: Run, ahead: int) -> AsyncI
     """
     bounds = await _bounds(cloud, run, ahead) if fmt.needs_bounds else None
     yield fmt.head(cloud.n, bounds)
-    separator = b""
-    async for body in _in_order(lambda part: fmt.body(cloud.points(part)), cloud.parts(), run, ahead):
-        yield separator + body
-        separator = fmt.separator
+    for opening, body in fmt.passes:
+        separator = opening
+        async for piece in _in_order(partial(body, cloud), cloud.parts(), run, ahead):
+            yield separator + piece
+            separator = fmt.separator
     if tail := fmt.tail(cloud.n):
         yield tail
 

@@ -8,7 +8,7 @@ from service.canonical import Sampling
 from service.composition import Mode
 from service.formats.weights import WeightFormatName
 from service.images import Background
-from service.mapping import MAX_K, Array, MappingSpec, word_of
+from service.mapping import MAX_K, Functions, MappingSpec
 from service.points import Cloud
 from service.sampler import SCALES
 from service.settings import POINTS_CEILING
@@ -78,9 +78,16 @@ class PointsQuery(NoQuery):
         default=None, description="file format; wins over `Accept`; PLY where neither says"
     )
 
-    def cloud(self, spec: MappingSpec, theta: Array) -> Cloud:
-        """The points that are asked for of an object, theta (size,) or (k, size). Raises InvalidParameter."""
-        return Cloud(spec, word_of(spec, theta), self.n, self.seed, self.offset, self.scale, self.sampling)
+    color: Literal["auto", "none"] = Field(
+        default="auto",
+        description="`auto` writes colours where the object has them and the format holds them: `ply`, `json`, `glb`, "
+        "`gltf`, `pcd`; `none` leaves them out",
+    )
+
+    def cloud(self, spec: MappingSpec, functions: Functions) -> Cloud:
+        """The points that are asked for of an object. Raises InvalidParameter."""
+        shown = Functions(functions.theta) if self.color == "none" else functions
+        return Cloud(spec, shown, self.n, self.seed, self.offset, self.scale, self.sampling)
 
 
 class WeightsQuery(NoQuery):

@@ -10,12 +10,12 @@ from pydantic import BaseModel, Field
 from pydantic.json_schema import SkipJsonSchema
 
 from service.images import Framed, Mask
-from service.mapping import Activation, Array, Domain, MappingSpec
+from service.mapping import Activation, Array, Domain, Functions, MappingSpec
 from service.store import Kind, Record
 
 
 class Spec(BaseModel):
-    """The shape of the mapping function whose weights are theta."""
+    """The shape of a function: the mapping function, whose weights are theta, or what colours its points."""
 
     name: str = Field(examples=["HOF-1"])
     input_dim: int = Field(description="dimensions of the canonical domain", examples=[3])
@@ -39,6 +39,16 @@ class Links(BaseModel):
     weights: str = Field(examples=["/objects/2f7f3b52a9a1c0de9b1d1c4d5e6f7a8b/weights"])
 
 
+ColorSpec = Annotated[
+    Spec | SkipJsonSchema[None],
+    Field(
+        default=None,
+        exclude_if=lambda value: value is None,
+        description="of an object in colour: the shape of the function from canonical points to red, green, blue",
+    ),
+]
+
+
 class StoredObject(BaseModel):
     """An object: a mapping function that the service keeps."""
 
@@ -49,6 +59,7 @@ class StoredObject(BaseModel):
     created_at: datetime = Field(description="RFC 3339, UTC")
     model: str = Field(description="the model that theta comes from", examples=["hof1-k2"])
     spec: Spec
+    color: ColorSpec = None
     word: list[str] | SkipJsonSchema[None] = Field(
         default=None,
         exclude_if=lambda value: value is None,
@@ -101,6 +112,10 @@ class ImageReport(BaseModel):
 
 
 Weights64 = Annotated[str, Field(description="theta: base64 of its float32 numbers, little-endian")]
+ColorWeights64 = Annotated[
+    str | SkipJsonSchema[None],
+    Field(default=None, description="the colour's weights, where there is one: as those of theta"),
+]
 
 
 class EncodedObject(StoredObject):
@@ -108,12 +123,13 @@ class EncodedObject(StoredObject):
 
     image: ImageReport
     weights: Weights64 | SkipJsonSchema[None] = None
+    color_weights: ColorWeights64 = None
 
     @classmethod
-    def of_image(cls, record: Record, framed: Framed, theta: Array | None) -> "EncodedObject":
+    def of_image(cls, record: Record, framed: Framed, functions: Functions | None) -> "EncodedObject":
         """The record as it is shown to who sent the image."""
-        weights = None if theta is None else base64_of(theta)
-        return cls(**_object_fields(record), image=ImageReport.of(framed), weights=weights)
+        weights = _weights_fields(functions) if functions else {}
+        return cls(**_object_fields(record), image=ImageReport.of(framed), **weights)
 
 
 class EncodedWeights(BaseModel):
@@ -121,9 +137,23 @@ class EncodedWeights(BaseModel):
 
     model: str = Field(examples=["hof1-k2"])
     spec: Spec
+    color: ColorSpec = None
     bytes: int = Field(examples=[28684])
     image: ImageReport
     weights: Weights64
+    color_weights: ColorWeights64 = None
+
+    @classmethod
+    def of(cls, model: str, spec: MappingSpec, functions: Functions, framed: Framed) -> "EncodedWeights":
+        """The functions as they are shown."""
+        return cls(
+            model=model,
+            spec=Spec.of(spec),
+            color=Spec.of(functions.color.spec) if functions.color else None,
+            bytes=functions.theta.nbytes,
+            image=ImageReport.of(framed),
+            **_weights_fields(functions),
+        )
 
 
 class ObjectPage(BaseModel):
@@ -147,6 +177,7 @@ class Model(BaseModel):
     name: str = Field(examples=["hof1-k2"])
     digest: str = Field(description="sha256 of the model file, hexadecimal")
     spec: Spec
+    color: ColorSpec = None
     framing: ModelFraming
     card: dict[str, Any] = Field(description="the model card as the file carries it: data, licence, figures, limits")
 
@@ -181,11 +212,6 @@ OVERLOADED: Final[dict[str, Any]] = {
 }
 
 
-def base64_of(theta: Array) -> str:
-    """theta as base64 of float32, little-endian."""
-    return base64.b64encode(np.ascontiguousarray(theta, dtype="<f4").tobytes()).decode("ascii")
-
-
 def _object_fields(record: Record) -> dict[str, Any]:
     path = f"/objects/{record.id}"
     composed = record.kind == "composed"
@@ -195,8 +221,19 @@ def _object_fields(record: Record) -> dict[str, Any]:
         "created_at": record.created_at,
         "model": record.model,
         "spec": Spec.of(record.spec),
+        "color": Spec.of(record.color_spec) if record.color_spec else None,
         "word": list(record.members) if composed else None,
         "parents": list(record.members) if record.kind == "interpolated" else None,
         "bytes": 4 * record.spec.size * (record.spec.k if composed else 1),
         "links": Links(self=path, points=f"{path}/points", weights=f"{path}/weights"),
     }
+
+
+def _weights_fields(functions: Functions) -> dict[str, Any]:
+    """Numbers as base64 of float32, little-endian."""
+    arrays = {"weights": functions.theta} | ({"color_weights": functions.color.weights} if functions.color else {})
+    return {name: _base64(array) for name, array in arrays.items()}
+
+
+def _base64(array: Array) -> str:
+    return base64.b64encode(np.ascontiguousarray(array, dtype="<f4").tobytes()).decode("ascii")

@@ -1,4 +1,4 @@
-"""Where objects are kept: id <-> theta and its spec, or the word of a composed object.
+"""Where objects are kept: id <-> theta, its spec and its colour, or the word of a composed object.
 
 SQLAlchemy Core. An object is never changed once written: it is put, read, listed, deleted.
 """
@@ -17,7 +17,7 @@ from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine
 
 from service.database import connect, is_full, objects, uses
 from service.errors import InUse, InvalidParameter, NotFound, StoreFull, UnusableStore
-from service.mapping import Array, MappingSpec
+from service.mapping import Array, Color, Functions, MappingSpec, joined
 
 Kind = Literal["encoded", "imported", "composed", "interpolated"]
 
@@ -28,12 +28,13 @@ HEADER: Final = [column for column in objects.columns if column.name not in ("th
 
 @dataclass(frozen=True)
 class Record:
-    """All that is kept about an object but its theta.
+    """All that is kept about an object but its functions.
 
     id : hexadecimal digest of what it was made from.
     created_at : UTC.
     model : name of the model that its theta comes from.
     members : ids of what it was made from: the word of a composed object, the parents of an interpolated one.
+    color_spec : shape of what colours it; None where it has no colour.
     """
 
     id: str
@@ -42,6 +43,7 @@ class Record:
     spec: MappingSpec
     created_at: datetime
     members: tuple[str, ...] = ()
+    color_spec: MappingSpec | None = None
 
 
 class Store:
@@ -72,7 +74,7 @@ class Store:
         except SQLAlchemyError as error:
             raise UnusableStore(f"the database cannot be written: {getattr(error, 'orig', error)}") from error
 
-    async def put(self, record: Record, theta: Array | None) -> tuple[Record, bool]:
+    async def put(self, record: Record, functions: Functions | None) -> tuple[Record, bool]:
         """Keep an object under ``record.id`` unless there is one.
 
         Returns the object that is kept, and whether it is new: of any number of concurrent puts of one
@@ -80,17 +82,18 @@ class Store:
 
         Parameters
         ----------
-        theta : (spec.size,) float32; None for a composed object, of which `record.members` is all.
+        functions : one theta, and the colour that `record.color_spec` describes; None for a composed object, of
+            which `record.members` is all.
 
         Raises
         ------
         NotFound : the word names an object that is not there (any more).
         StoreFull : there is no space for it.
         """
-        kept, any_new = await self.put_all([(record, theta)])
+        kept, any_new = await self.put_all([(record, functions)])
         return kept[0], any_new
 
-    async def put_all(self, proposed: Sequence[tuple[Record, Array | None]]) -> tuple[list[Record], bool]:
+    async def put_all(self, proposed: Sequence[tuple[Record, Functions | None]]) -> tuple[list[Record], bool]:
         """Keep all of several objects or, where one is refused, none of them.
 
         Returns the objects that are kept, in their order, and whether any is new. Each is as `put` has it, and
@@ -102,8 +105,8 @@ class Store:
             fresh = sorted((pair for pair in proposed if pair[0].id not in kept), key=lambda pair: pair[0].members)
             try:
                 async with self._transaction() as connection:
-                    for record, theta in fresh:
-                        await _insert(connection, record, theta)
+                    for record, functions in fresh:
+                        await _insert(connection, record, functions)
             except IntegrityError:
                 kept = await self.records([record.id for record, _ in proposed])
                 for record, _ in fresh:
@@ -112,23 +115,23 @@ class Store:
             else:
                 return [kept.get(record.id, record) for record, _ in proposed], bool(fresh)
 
-    async def find(self, object_id: str) -> tuple[Record, Array] | None:
-        """The object of that id and its theta, float32: (spec.size,), or (k, spec.size) of a composed object, in
-        the order of its word. None where there is none."""
+    async def find(self, object_id: str) -> tuple[Record, Functions] | None:
+        """The object of that id and its functions; of a composed object those of its word, in order. None where
+        there is none."""
         async with self._engine.connect() as connection:
             row = (await connection.execute(select(objects).where(objects.c.id == object_id))).first()
             if row is None:
                 return None
             record = _record(row)
             if record.kind != "composed":
-                return record, _theta(row)
+                return record, _functions(row)
             query = select(objects).where(objects.c.id.in_(record.members))
-            thetas = {each.id: _theta(each) for each in await connection.execute(query)}
-        if thetas.keys() != set(record.members):
+            found = {each.id: _functions(each) for each in await connection.execute(query)}
+        if found.keys() != set(record.members):
             return None  # deleted between the two queries, and then an object of its word
-        return record, np.stack([thetas[member] for member in record.members])
+        return record, joined([found[member] for member in record.members])
 
-    async def get(self, object_id: str) -> tuple[Record, Array]:
+    async def get(self, object_id: str) -> tuple[Record, Functions]:
         """As `find`. Raises NotFound."""
         found = await self.find(object_id)
         if found is None:
@@ -136,7 +139,7 @@ class Store:
         return found
 
     async def records(self, ids: Sequence[str]) -> dict[str, Record]:
-        """Those of the objects that are there, by id, without their thetas."""
+        """Those of the objects that are there, by id, without their functions."""
         async with self._engine.connect() as connection:
             rows = await connection.execute(select(*HEADER).where(objects.c.id.in_(ids)))
             return {row.id: _record(row) for row in rows}
@@ -204,7 +207,8 @@ class Store:
             raise InUse(f"composed objects are made of it: {', '.join(found[:MAX_NAMED])}{more}; delete them first")
 
 
-async def _insert(connection: AsyncConnection, record: Record, theta: Array | None) -> None:
+async def _insert(connection: AsyncConnection, record: Record, functions: Functions | None) -> None:
+    color = functions.color if functions else None
     values = {
         "id": record.id,
         "kind": record.kind,
@@ -212,7 +216,9 @@ async def _insert(connection: AsyncConnection, record: Record, theta: Array | No
         "model": record.model,
         "spec": record.spec.to_json(),
         "members": " ".join(record.members),
-        "theta": None if theta is None else np.ascontiguousarray(theta, dtype="<f4").tobytes(),
+        "theta": _bytes(functions.theta) if functions else None,
+        "color": _bytes(color.weights) if color else None,
+        "color_spec": record.color_spec.to_json() if record.color_spec else None,
     }
     await connection.execute(objects.insert().values(values))
     if record.kind == "composed":
@@ -223,11 +229,22 @@ async def _insert(connection: AsyncConnection, record: Record, theta: Array | No
 def _record(row: Row[Any]) -> Record:
     created_at = row.created_at.replace(tzinfo=UTC)  # SQLite drops the zone; it was UTC
     spec, members = MappingSpec.from_json(row.spec), tuple(row.members.split())
-    return Record(row.id, row.kind, row.model, spec, created_at, members)
+    color_spec = MappingSpec.from_json(row.color_spec) if row.color_spec else None
+    return Record(row.id, row.kind, row.model, spec, created_at, members, color_spec)
 
 
-def _theta(row: Row[Any]) -> Array:
-    return np.frombuffer(row.theta, dtype="<f4").astype(np.float32, copy=False)
+def _functions(row: Row[Any]) -> Functions:
+    if row.color is None:
+        return Functions(_array(row.theta))
+    return Functions(_array(row.theta), Color(MappingSpec.from_json(row.color_spec), _array(row.color)))
+
+
+def _bytes(array: Array) -> bytes:
+    return np.ascontiguousarray(array, dtype="<f4").tobytes()
+
+
+def _array(data: bytes) -> Array:
+    return np.frombuffer(data, dtype="<f4").astype(np.float32, copy=False)
 
 
 def _encode_cursor(seq: int) -> str:

@@ -52,6 +52,12 @@ def slow_model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tiny_model.build(tmp_path_factory.mktemp("model") / "slow.onnx", trips=400_000)
 
 
+def colored_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The tiny model with a second output, which colours its objects."""
+    path = tmp_path_factory.mktemp("colored") / "tiny-k2.onnx"
+    return tiny_model.build(path, color_spec=tiny_model.COLOR_SPEC)
+
+
 @pytest.fixture(autouse=True)
 def _no_matting_unless_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("U2NET_HOME", raising=False)

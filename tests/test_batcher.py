@@ -10,7 +10,7 @@ import pytest
 
 from service.batcher import MAX_BATCH, Batcher
 from service.encoder import Encoder
-from service.mapping import Array
+from service.mapping import Array, Functions
 from service.settings import SHIPPED_MODEL
 
 SCHEDULES = 1_000
@@ -21,11 +21,11 @@ def _image(value: float) -> Array:
     return np.full((1, 3, 2, 2), value, np.float32)
 
 
-def _encode(images: Array) -> Array:
+def _encode(images: Array) -> list[Functions]:
     """theta is the image's mean, twice; a negative image fails whatever call it is in."""
     if (images < 0).any():
         raise ValueError("negative")
-    return np.repeat(images.mean(axis=(1, 2, 3))[:, None], 2, axis=1)
+    return [Functions(np.repeat(mean, 2)) for mean in images.mean(axis=(1, 2, 3))]
 
 
 def _batcher(executor: ThreadPoolExecutor) -> Batcher:
@@ -54,7 +54,7 @@ async def _schedule(batcher: Batcher, seed: int) -> None:
             assert isinstance(outcome, ValueError)
         else:
             assert not fails
-            np.testing.assert_array_equal(outcome, [index, index])
+            np.testing.assert_array_equal(outcome.theta, [index, index])
 
     await asyncio.gather(*(one(index) for index in range(dice.randrange(1, 3 * MAX_BATCH))))
 
@@ -105,6 +105,7 @@ def test_a_theta_is_the_same_in_any_company() -> None:
     encoder = Encoder.open(SHIPPED_MODEL, 1)
     size = encoder.framing.size
     images = np.random.default_rng(0).random((MAX_BATCH, 3, size, size), np.float32)
-    alone = np.concatenate([encoder.encode(image[None]) for image in images])
+    alone = [encoder.encode(image[None])[0].theta for image in images]
     for count in (2, 3, MAX_BATCH):
-        np.testing.assert_allclose(encoder.encode(images[:count]), alone[:count], atol=1e-5)
+        together = [functions.theta for functions in encoder.encode(images[:count])]
+        np.testing.assert_allclose(together, alone[:count], atol=1e-5)

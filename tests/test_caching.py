@@ -4,8 +4,9 @@ import httpx
 import pytest
 
 from service.caching import CACHE_CONTROL, accepts_gzip, etag, is_fresh
+from service.formats import Part
 from service.mapping import Array
-from service.points import Cloud, Part
+from service.points import Cloud
 
 KINDS = ["points", "weights"]
 

@@ -11,7 +11,7 @@ from test_store import NOW
 
 from service.cli import main
 from service.database import connect
-from service.mapping import HOF_1, initial_theta
+from service.mapping import HOF_1, Functions, initial_theta
 from service.store import Record, Store
 
 
@@ -19,7 +19,8 @@ async def _put(url: str, count: int) -> list[bool]:
     """Put objects at once and read them at once; which of them are new."""
     store = await Store.open(url)
     records = [Record(f"object{number % 7}", "encoded", "m", HOF_1, NOW) for number in range(count)]
-    new = [new for _, new in await asyncio.gather(*[store.put(record, initial_theta(HOF_1)) for record in records])]
+    functions = Functions(initial_theta(HOF_1))
+    new = [new for _, new in await asyncio.gather(*[store.put(record, functions) for record in records])]
     await asyncio.gather(*[store.get(record.id) for record in records])
     await store.close()
     return new

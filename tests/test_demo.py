@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import trimesh
 from PIL import Image
 
@@ -36,6 +37,18 @@ def test_demo_writes_points_and_a_picture(model_path: Path, tmp_path: Path) -> N
         assert picture.size == (960, 480 * len(photos))
         points = picture.crop((480, 0, 960, 480)).convert("L")
     assert points.histogram()[255] < 480 * 480 - 100  # the object's half is not blank
+
+
+def test_demo_draws_what_is_in_colour_in_its_colours(model_path: Path, colored_path: Path, tmp_path: Path) -> None:
+    pictures = {}
+    for name, model in (("plain", model_path), ("colored", colored_path)):
+        assert _demo(model, tmp_path / name).returncode == 0
+        with Image.open(tmp_path / name / "demo.png") as picture:
+            points = np.asarray(picture.convert("RGB"))[:480, 480:]
+        pictures[name] = bool((points[..., 0] > points[..., 2]).any())  # shades without colour are bluish
+    assert pictures == {"plain": False, "colored": True}
+    cloud = trimesh.load(tmp_path / "colored" / "coffee.ply", process=False)
+    assert len(np.unique(cloud.colors, axis=0)) > 10
 
 
 def test_demo_that_fails_says_so(tmp_path: Path) -> None:

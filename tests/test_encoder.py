@@ -23,10 +23,24 @@ def test_a_model_describes_itself(model_path: Path) -> None:
 @pytest.mark.parametrize("batch", [1, 3])
 def test_encode_computes_the_network(model_path: Path, batch: int) -> None:
     images = np.random.default_rng(0).random((batch, 3, tiny_model.SIZE, tiny_model.SIZE), np.float32)
-    theta = Encoder.open(model_path, threads=1).encode(images)
+    found = Encoder.open(model_path, threads=1).encode(images)
+    assert [functions.color for functions in found] == [None] * batch
+    theta = np.stack([functions.theta for functions in found])
     assert theta.shape == (batch, tiny_model.SPEC.size)
     assert theta.dtype == np.float32
     np.testing.assert_allclose(theta, tiny_model.theta_of(images), atol=1e-5)
+
+
+def test_a_model_in_colour_gives_the_same_theta_and_each_image_its_colour(model_path: Path, colored_path: Path) -> None:
+    images = np.random.default_rng(0).random((3, 3, tiny_model.SIZE, tiny_model.SIZE), np.float32)
+    plain, encoder = Encoder.open(model_path, threads=1), Encoder.open(colored_path, threads=1)
+    matrix, b = tiny_model.color_parameters()
+    assert (plain.color_spec, encoder.color_spec) == (None, tiny_model.COLOR_SPEC)
+    for image, one, other in zip(images, plain.encode(images), encoder.encode(images), strict=True):
+        np.testing.assert_array_equal(other.theta, one.theta)
+        assert other.color
+        assert other.color.spec == tiny_model.COLOR_SPEC
+        np.testing.assert_allclose(other.color.weights, image.mean(axis=(1, 2)) @ matrix + b, atol=1e-5)
 
 
 def test_a_missing_file_says_what_to_do(tmp_path: Path) -> None:
@@ -51,6 +65,7 @@ def _with(key: str, value: object) -> dict[str, str]:
 
 
 SPEC = json.loads(tiny_model.SPEC.to_json())
+COLOR_SPEC = json.loads(tiny_model.COLOR_SPEC.to_json())
 
 
 @pytest.mark.parametrize(
@@ -68,6 +83,10 @@ SPEC = json.loads(tiny_model.SPEC.to_json())
         (_with("hof.framing", {"size": 32, "foreground_ratio": 0}), "needs a size"),
         (_with("hof.card", {"name": ""}), "needs a name"),
         (_with("hof.card", []), "needs a name"),
+        (_with("hof.color_spec", {**COLOR_SPEC, "k": 0}), "'hof.color_spec' is no mapping spec: k must lie"),
+        (_with("hof.color_spec", {**COLOR_SPEC, "k": 2}), "'hof.color_spec' does not fit .* k must be 1"),
+        (_with("hof.color_spec", {**COLOR_SPEC, "domain": "cube"}), "domain must be 'ball', as the points'"),
+        (_with("hof.color_spec", COLOR_SPEC), "its output is theta and color, by its graph theta"),
     ],
 )
 def test_metadata_that_is_wrong_is_refused(tmp_path: Path, meta: dict[str, str], message: str) -> None:
@@ -80,7 +99,16 @@ def test_a_file_of_before_formats_were_written_is_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("wrong", "message"), [({"batch": 1}, "has shape"), ({"output": "weights"}, "output must be 'theta' alone")]
+    ("wrong", "message"),
+    [
+        ({"batch": 1}, "has shape"),
+        ({"output": "weights"}, "its output is theta, by its graph weights"),
+        ({"color_spec": tiny_model.COLOR_SPEC, "meta": tiny_model.metadata()}, "theta, by its graph theta, color"),
+        (
+            {"color_spec": tiny_model.COLOR_SPEC, "meta": _with("hof.color_spec", {**COLOR_SPEC, "hidden": [9]})},
+            "output 'color' has shape",
+        ),
+    ],
 )
 def test_a_graph_of_another_shape_is_refused(tmp_path: Path, wrong: dict[str, Any], message: str) -> None:
     with pytest.raises(InvalidModel, match=message):

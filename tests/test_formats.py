@@ -2,32 +2,21 @@ import base64
 import io
 import json
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
+from clouds import BINARY, EVERY, FORMATS, TEXT, TWO, Given, colored, colors_of, file_of, label
 from gltf_validator import check_valid, gltf_report
 
 from service.canonical import canonical_points
 from service.errors import InvalidParameter, NotAcceptable
-from service.formats import POINT_FORMATS, PointFormat, negotiate, write
+from service.formats import POINT_FORMATS, Part, PointFormat, negotiate, write
+from service.formats.raw import float32
 from service.mapping import Array
 from service.sampler import bounds
-
-FORMATS = list(POINT_FORMATS.values())
-BINARY = [POINT_FORMATS[name] for name in ("ply", "npy", "glb", "gltf", "pcd", "f32", "f16")]
-TEXT = [POINT_FORMATS[name] for name in ("xyz", "json")]
-TWO = np.array([[0.5, -1, 0], [0.1, 2e-7, -123456.789]], np.float32)
-
-
-def in_chunks(points: Array, chunk: int = 1000) -> Callable[[], Iterator[Array]]:
-    return lambda: (points[at : at + chunk] for at in range(0, len(points), chunk))
-
-
-def file_of(fmt: PointFormat, points: Array, chunk: int = 1000) -> bytes:
-    return b"".join(write(fmt, len(points), in_chunks(points, chunk)))
 
 
 def read(fmt: PointFormat, data: bytes) -> Array:
@@ -139,24 +128,24 @@ def test_other_programs_read_the_points(fmt: PointFormat, n: int) -> None:
         np.testing.assert_array_equal(back, points)
 
 
-@pytest.mark.parametrize("fmt", FORMATS, ids=lambda fmt: fmt.name)
+@pytest.mark.parametrize("fmt", EVERY, ids=label)
 def test_chunking_leaves_the_bytes_alone(fmt: PointFormat) -> None:
     points = canonical_points("ball", 1234)
     assert file_of(fmt, points, 1) == file_of(fmt, points, 100) == file_of(fmt, points, 5000)
 
 
-@pytest.mark.parametrize("fmt", BINARY, ids=lambda fmt: fmt.name)
+@pytest.mark.parametrize("fmt", BINARY, ids=label)
 @pytest.mark.parametrize("n", [1, 9, 10, 9999, 10_000])
 def test_length_is_the_files(fmt: PointFormat, n: int) -> None:
     assert fmt.length(n) == len(file_of(fmt, np.ones((n, 3), np.float32)))
 
 
-@pytest.mark.parametrize("fmt", TEXT, ids=lambda fmt: fmt.name)
+@pytest.mark.parametrize("fmt", TEXT, ids=label)
 def test_length_of_text_is_unknown(fmt: PointFormat) -> None:
     assert fmt.length(1000) is None
 
 
-@pytest.mark.parametrize("fmt", FORMATS, ids=lambda fmt: fmt.name)
+@pytest.mark.parametrize("fmt", EVERY, ids=label)
 def test_points_that_are_views_and_of_either_byte_order(fmt: PointFormat) -> None:
     wide = np.arange(40, dtype=np.float32).reshape(10, 4)
     view = wide[::2, :3]
@@ -165,32 +154,34 @@ def test_points_that_are_views_and_of_either_byte_order(fmt: PointFormat) -> Non
     assert file_of(fmt, view.astype(">f4")) == expected
 
 
-@pytest.mark.parametrize("fmt", FORMATS, ids=lambda fmt: fmt.name)
+@pytest.mark.parametrize("fmt", EVERY, ids=label)
 def test_pieces_are_one_a_chunk_and_never_empty(fmt: PointFormat) -> None:
-    pieces = list(write(fmt, 500, in_chunks(np.zeros((500, 3), np.float32), 100)))
+    pieces = list(write(fmt, Given(np.zeros((500, 3), np.float32), colors_of(500), chunk=100)))
     assert all(pieces)
-    assert 5 <= len(pieces) <= 7
+    assert 5 * len(fmt.passes) <= len(pieces) <= 5 * len(fmt.passes) + 2
 
 
-@pytest.mark.parametrize("fmt", FORMATS, ids=lambda fmt: fmt.name)
+@pytest.mark.parametrize("fmt", EVERY, ids=label)
 def test_only_formats_with_bounds_take_two_passes(fmt: PointFormat) -> None:
     passes = []
 
-    def chunks() -> Iterator[Array]:
-        passes.append(1)
-        yield TWO
+    class Counting(Given):
+        def parts(self) -> Iterator[Part]:
+            passes.append(1)
+            return super().parts()
 
-    list(write(fmt, 2, chunks))
-    assert len(passes) == (2 if fmt.needs_bounds else 1)
+    list(write(fmt, Counting(TWO, colors_of(2))))
+    assert len(passes) == len(fmt.passes) + fmt.needs_bounds
+    assert len(fmt.passes) == (2 if fmt is colored("json") else 1)
     assert fmt.needs_bounds == (fmt.name in ("glb", "gltf"))
 
 
-@pytest.mark.parametrize("fmt", FORMATS, ids=lambda fmt: fmt.name)
+@pytest.mark.parametrize("fmt", EVERY, ids=label)
 def test_too_many_or_no_points_are_refused_at_once(fmt: PointFormat) -> None:
     sizes = [0] if fmt.max_points is None else [0, fmt.max_points + 1]
     for n in sizes:
         with pytest.raises(InvalidParameter) as caught:
-            write(fmt, n, lambda: iter([TWO]))
+            write(fmt, Given(np.broadcast_to(np.float32(0), (n, 3))))
         assert caught.value.field == "n"
 
 
@@ -208,9 +199,10 @@ def test_limits() -> None:
 
 @pytest.mark.parametrize("n", [1, 2, 10_000])
 @pytest.mark.parametrize("name", ["glb", "gltf"])
-def test_gltf_is_valid(name: str, n: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize("in_color", [False, True])
+def test_gltf_is_valid(name: str, n: int, in_color: bool, tmp_path: Path) -> None:
     points = canonical_points("ball", n, seed=5)
-    report = check_valid(file_of(POINT_FORMATS[name], points), tmp_path)
+    report = check_valid(file_of(colored(name) if in_color else POINT_FORMATS[name], points), tmp_path)
     assert report["info"]["totalVertexCount"] == n
     assert report["info"]["extensionsUsed"] == ["KHR_materials_unlit"]
 
@@ -220,8 +212,8 @@ def test_glb_is_valid_for_awkward_numbers(value: float, tmp_path: Path) -> None:
     check_valid(file_of(POINT_FORMATS["glb"], np.full((3, 3), value, np.float32)), tmp_path)
 
 
-def test_glb_head_is_of_fixed_size() -> None:
-    fmt = POINT_FORMATS["glb"]
+@pytest.mark.parametrize("fmt", [POINT_FORMATS["glb"], POINT_FORMATS["glb"].colored], ids=label)
+def test_glb_head_is_of_fixed_size(fmt: PointFormat) -> None:
     assert fmt.max_points is not None
     long = np.full(3, -1.17549435e-38, np.float32)
     assert len(fmt.head(fmt.max_points, (long, long))) == len(fmt.head(1, bounds([TWO])))
@@ -234,7 +226,7 @@ def test_glb_without_bounds() -> None:
 
 def test_the_validator_sees_wrong_bounds(tmp_path: Path) -> None:
     fmt = POINT_FORMATS["glb"]
-    wrong = fmt.head(2, (np.zeros(3, np.float32), np.ones(3, np.float32))) + fmt.body(TWO)
+    wrong = fmt.head(2, (np.zeros(3, np.float32), np.ones(3, np.float32))) + float32(TWO)
     assert gltf_report(wrong, tmp_path)["issues"]["numErrors"] > 0
 
 

@@ -37,6 +37,7 @@ ALLOWED = {
     "service.canonical": {"service.errors", "service.kernel", "service.mapping"},
     "service.folding": {"service.canonical", "service.kernel", "service.mapping"},
     "service.sampler": {"service.canonical", "service.errors", "service.folding", "service.mapping"},
+    "service.color": {"service.canonical", "service.errors", "service.mapping", "service.sampler"},
     "service.matting": {"service.encoder", "service.errors"},
     "service.encoder": {"service.errors", "service.images", "service.mapping"},
     "service.formats": {"service.errors", "service.formats", "service.mapping", "service.sampler"},

@@ -84,8 +84,8 @@ def test_a_database_of_the_first_release_is_migrated_and_its_objects_answer(
         records, _ = await store.page(9)
         assert [record.kind for record in records] == ["interpolated", "composed", "imported", "imported"]
         word = [initial_theta(SPEC, seed) for seed in (1, 2)]
-        np.testing.assert_array_equal((await store.get(records[1].id))[1], word)
-        np.testing.assert_allclose((await store.get(records[0].id))[1], np.mean(word, axis=0), rtol=1e-6)
+        np.testing.assert_array_equal((await store.get(records[1].id))[1].theta, word)
+        np.testing.assert_allclose((await store.get(records[0].id))[1].theta, np.mean(word, axis=0), rtol=1e-6)
         assert records[1].members == (records[3].id, records[2].id)
         await store.close()
 

@@ -89,6 +89,12 @@ def _inked(page: Page) -> int:
     return int((255 - _pixels(page).min(axis=2) > INK).sum())
 
 
+def _warm(page: Page) -> int:
+    """How many pixels of the stage have clearly more red than blue, which no shade has."""
+    pixels = _pixels(page)
+    return int((pixels[..., 0] - pixels[..., 2] > INK).sum())
+
+
 def _curl_line(page: Page, of: str) -> str:
     return page.locator(f'.curl[data-of="{of}"] code').inner_text()
 
@@ -225,6 +231,29 @@ def test_an_object_of_the_gallery_opens(page: Page) -> None:
     opening.click()
     expect(page.locator("#gallery li.shown .open")).to_have_text(opening.inner_text())
     assert opening.inner_text().split()[1] in _curl_line(page, "download")
+
+
+def test_an_object_in_colour_is_shown_and_saved_so_unless_switched_off(
+    browser: Browser, settings: Settings, colored_path: Path, tmp_path: Path
+) -> None:
+    with (
+        running(settings.model_copy(update={"model": colored_path})) as server,
+        browser.new_context(viewport={"width": 1280, "height": 1000}) as context,
+    ):
+        address = f"http://127.0.0.1:{server.port}"
+        assert httpx.post(f"{address}/encode", content=_photo("chair").read_bytes()).status_code == 201
+        page = _opened(context.new_page(), address)
+        assert _warm(page) > 500
+        page.screenshot(path=PICTURES / "color.png")
+        page.locator("#n").press("End")
+        expect(page.locator("#count")).to_have_text("1,000,000 points")
+        page.locator("#n").press("Home")
+        for color, header in ((True, b"property uchar red"), (False, b"property float z\nend_header")):
+            page.get_by_label("Colour").set_checked(color)
+            assert (_warm(page) > 0) == color
+            (tmp_path / "object.ply").unlink(missing_ok=True)
+            _run(_curl_line(page, "download"), tmp_path)
+            assert header in (tmp_path / "object.ply").read_bytes()
 
 
 def test_files_are_saved_as_the_curl_line_gets_them(page: Page, tmp_path: Path) -> None:

@@ -40,6 +40,13 @@ def test_the_nearer_point_hides_the_other_whatever_their_order() -> None:
     assert NEAR[0] <= next(iter(alone.values())) <= FAR[0]
 
 
+def test_points_are_drawn_in_their_colours_far_ones_dimmer() -> None:
+    points = np.array([[-0.3, 0, 0.7], [0.3, 0, -0.7]], np.float32)
+    colors = np.array([[200, 100, 0], [200, 100, 0]], np.uint8)
+    image = draw(points, SIZE, 0, 0, colors)
+    assert {tuple(pixel) for pixel in image[(image != GROUND).any(axis=2)].tolist()} == {(200, 100, 0), (140, 70, 0)}
+
+
 def test_points_beyond_the_frame_are_left_out() -> None:
     assert drawn((EXTENT, 0, 0), (0, -EXTENT, 0)) == {}
 

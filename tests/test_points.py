@@ -16,10 +16,10 @@ from conftest import Server, running
 
 from service import points as points_module
 from service.canonical import canonical_points
-from service.formats import POINT_FORMATS
+from service.formats import POINT_FORMATS, Part
 from service.formats.weights import load
-from service.mapping import Array, MappingSpec, initial_theta, power
-from service.points import FIRST_PART, PART, Cloud, Part
+from service.mapping import Array, Functions, MappingSpec, initial_theta, power
+from service.points import FIRST_PART, PART, Cloud
 from service.queries import PointFormatName, PointsQuery
 from service.settings import Settings
 
@@ -213,7 +213,7 @@ def test_the_names_in_the_schema_are_those_of_the_formats() -> None:
 @pytest.mark.parametrize("n", [1, 4096, 4097, 70_000, 200_000])
 def test_parts_cover_the_cloud_once(n: int, offset: int) -> None:
     spec = MappingSpec("small", 3, (4,), 3)
-    parts = list(Cloud(spec, (initial_theta(spec),), n, offset=offset).parts())
+    parts = list(Cloud(spec, Functions(initial_theta(spec)), n, offset=offset).parts())
     ends = [start + count for start, count in parts]
     assert [start for start, _ in parts] == [0, *ends[:-1]]
     assert ends[-1] == n

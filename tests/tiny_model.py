@@ -1,4 +1,5 @@
-"""A tiny image encoder as ONNX, for tests: theta is a linear function of the image's mean colour."""
+"""A tiny image encoder as ONNX, for tests: theta is a linear function of the image's mean colour, and so is what
+colours the points, where it is asked for."""
 
 import json
 from pathlib import Path
@@ -11,6 +12,7 @@ from onnx import TensorProto, helper, numpy_helper
 from service.mapping import Array, MappingSpec, initial_theta
 
 SPEC = MappingSpec("tiny", input_dim=3, hidden=(16,), output_dim=3, k=2)
+COLOR_SPEC = MappingSpec("tiny colour", input_dim=3, hidden=(8,), output_dim=3)
 SIZE = 32
 CARD = {
     "name": "tiny-k2",
@@ -21,15 +23,16 @@ CARD = {
 }
 
 
-def metadata(spec: MappingSpec = SPEC) -> dict[str, str]:
+def metadata(spec: MappingSpec = SPEC, color_spec: MappingSpec | None = None) -> dict[str, str]:
     """What `hof-model export` writes beside the graph."""
     framing = {"size": SIZE, "foreground_ratio": 0.85}
-    return {
+    told = {
         "hof.format": "1",
         "hof.spec": spec.to_json(),
         "hof.framing": json.dumps(framing),
         "hof.card": json.dumps(CARD),
     }
+    return told | ({"hof.color_spec": color_spec.to_json()} if color_spec else {})
 
 
 def parameters(spec: MappingSpec = SPEC) -> tuple[Array, Array]:
@@ -37,38 +40,48 @@ def parameters(spec: MappingSpec = SPEC) -> tuple[Array, Array]:
     return np.stack([0.3 * initial_theta(spec, seed) for seed in (1, 2, 3)]), initial_theta(spec, 0)
 
 
+def color_parameters(spec: MappingSpec = COLOR_SPEC) -> tuple[Array, Array]:
+    """The same for the colour's weights: colours of all kinds, some of them clipped."""
+    matrix, b = parameters(spec)
+    b[-spec.output_dim :] += np.float32(0.5)
+    return 3 * matrix, 3 * b
+
+
 def build(
     path: Path,
     spec: MappingSpec = SPEC,
     *,
+    color_spec: MappingSpec | None = None,
     meta: dict[str, str] | None = None,
     bias: float = 0.0,
     batch: str | int = "batch",
     output: str = "theta",
     trips: int = 0,
 ) -> Path:
-    """Write the model; the keywords make it wrong in one way each, but for `trips`: see `_trouble`."""
-    matrix, b = parameters(spec)
+    """Write the model, with `color_spec` one in colour, with `trips` as `_trouble` has it; the other keywords make it
+    wrong in one way each."""
+    heads = {output: parameters(spec)} | ({"color": color_parameters(color_spec)} if color_spec else {})
+    made = {name: "plain" if trips and name == output else name for name in heads}
     nodes = [
         helper.make_node("GlobalAveragePool", ["image"], ["pooled"]),  # (b, 3, 1, 1)
-        helper.make_node("Flatten", ["pooled"], ["colour"]),  # (b, 3)
-        helper.make_node("Gemm", ["colour", "W", "b"], ["plain" if trips else output]),  # (b, spec.size)
+        helper.make_node("Flatten", ["pooled"], ["mean"]),  # (b, 3)
+        *(helper.make_node("Gemm", ["mean", f"{name}.W", f"{name}.b"], [made[name]]) for name in heads),  # (b, size)
+        *(_trouble("plain", output) if trips else ()),
     ]
-    constants: list[TensorProto] = []
+    tensors: dict[str, Any] = {f"{name}.W": matrix for name, (matrix, _) in heads.items()}
+    tensors |= {f"{name}.b": b + np.float32(bias) for name, (_, b) in heads.items()}
     if trips:
-        nodes += _trouble("plain", output)
-        values: dict[str, Any] = {"trips": np.float32(trips), "zero": np.float32(0), "on": np.bool_(True)}
-        values |= {"blue": np.int64(2), "tenth": np.float32(0.1), "last": np.array([1], np.int64)}
-        constants = [numpy_helper.from_array(np.asarray(value), name) for name, value in values.items()]
+        tensors |= {"trips": np.float32(trips), "zero": np.float32(0), "on": np.bool_(True)}
+        tensors |= {"blue": np.int64(2), "tenth": np.float32(0.1), "last": np.array([1], np.int64)}
     graph = helper.make_graph(
         nodes,
         "tiny",
         [helper.make_tensor_value_info("image", TensorProto.FLOAT, [batch, 3, SIZE, SIZE])],
-        [helper.make_tensor_value_info(output, TensorProto.FLOAT, [batch, matrix.shape[1]])],
-        [numpy_helper.from_array(matrix, "W"), numpy_helper.from_array(b + np.float32(bias), "b"), *constants],
+        [helper.make_tensor_value_info(name, TensorProto.FLOAT, [batch, len(b)]) for name, (_, b) in heads.items()],
+        [numpy_helper.from_array(np.asarray(array), name) for name, array in tensors.items()],
     )
     model: Any = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
-    helper.set_model_props(model, metadata(spec) if meta is None else meta)
+    helper.set_model_props(model, metadata(spec, color_spec) if meta is None else meta)
     onnx.checker.check_model(model)
     onnx.save(model, str(path))
     return path
@@ -97,12 +110,12 @@ def _trouble(plain: str, output: str) -> list[Any]:
         ],
     )
     return [
-        helper.make_node("ReduceMin", ["colour"], ["darkest"], keepdims=0),
+        helper.make_node("ReduceMin", ["mean"], ["darkest"], keepdims=0),
         helper.make_node("Mul", ["darkest", "trips"], ["spared"]),
         helper.make_node("Sub", ["trips", "spared"], ["turns"]),
         helper.make_node("Cast", ["turns"], ["count"], to=TensorProto.INT64),
         helper.make_node("Loop", ["count", "on", "zero"], ["nothing"], body=body),
-        helper.make_node("Gather", ["colour", "blue"], ["b_mean"], axis=1),  # (b,)
+        helper.make_node("Gather", ["mean", "blue"], ["b_mean"], axis=1),  # (b,)
         helper.make_node("Sub", ["b_mean", "tenth"], ["above"]),
         helper.make_node("Sqrt", ["above"], ["root"]),
         helper.make_node("Mul", ["root", "nothing"], ["nothing_or_nan"]),

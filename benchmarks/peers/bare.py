@@ -41,8 +41,8 @@ async def encode(request: Request) -> dict[str, Any]:
     image = await request.body()
     loop = asyncio.get_running_loop()
     work: Work = app.state.work
-    record, theta, answer = await loop.run_in_executor(app.state.executor, work.encode, image)
-    await app.state.store.put(record, theta)
+    record, functions, answer = await loop.run_in_executor(app.state.executor, work.encode, image)
+    await app.state.store.put(record, functions)
     return answer
 
 

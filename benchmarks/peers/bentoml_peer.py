@@ -27,6 +27,6 @@ class Peer:
         if self._store is None:
             self._store = await Store.open(os.environ["HOF_DATABASE_URL"])
         loop = asyncio.get_running_loop()
-        record, theta, answer = await loop.run_in_executor(self._executor, self._work.encode, image)
-        await self._store.put(record, theta)
+        record, functions, answer = await loop.run_in_executor(self._executor, self._work.encode, image)
+        await self._store.put(record, functions)
         return answer

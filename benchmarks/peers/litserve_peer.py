@@ -37,7 +37,7 @@ class Api(litserve.LitAPI):  # type: ignore[misc]
         return [answer for _, _, answer in made]
 
     async def _put(self, made: list[Any]) -> None:
-        await asyncio.gather(*(self._store.put(record, theta) for record, theta, _ in made))
+        await asyncio.gather(*(self._store.put(record, functions) for record, functions, _ in made))
 
     def unbatch(self, output: list[dict[str, Any]]) -> list[dict[str, Any]]:
         """As they are."""

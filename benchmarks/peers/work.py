@@ -8,7 +8,7 @@ import numpy as np
 from service.encoder import Encoder
 from service.ids import encoded_id
 from service.images import preprocess
-from service.mapping import Array
+from service.mapping import Functions
 from service.schemas import EncodedObject
 from service.settings import SHIPPED_MODEL
 from service.store import Record
@@ -21,19 +21,20 @@ class Work:
         self.encoder = Encoder.open(SHIPPED_MODEL, threads=1)
         self.encoder.warm_up()
 
-    def encode(self, image: bytes) -> tuple[Record, Array, dict[str, Any]]:
-        """A photo's bytes -> the record, theta and what is answered."""
+    def encode(self, image: bytes) -> tuple[Record, Functions, dict[str, Any]]:
+        """A photo's bytes -> the record, its functions and what is answered."""
         return self.encode_all([image])[0]
 
-    def encode_all(self, images: list[bytes]) -> list[tuple[Record, Array, dict[str, Any]]]:
+    def encode_all(self, images: list[bytes]) -> list[tuple[Record, Functions, dict[str, Any]]]:
         """The same of several photos in one call of the encoder, for those who collect a batch."""
         encoder = self.encoder
         framed = [preprocess(image, encoder.framing) for image in images]
-        thetas = encoder.encode(np.concatenate([one.tensor for one in framed]))
+        found = encoder.encode(np.concatenate([one.tensor for one in framed]))
         made = []
-        for image, one, theta in zip(images, framed, thetas, strict=True):
+        for image, one, functions in zip(images, framed, found, strict=True):
             object_id = encoded_id(image, one.mask, encoder.framing.foreground_ratio, encoder.digest)
-            record = Record(object_id, "encoded", encoder.name, encoder.spec, datetime.now(UTC))
+            now = datetime.now(UTC)
+            record = Record(object_id, "encoded", encoder.name, encoder.spec, now, color_spec=encoder.color_spec)
             answer = EncodedObject.of_image(record, one, None).model_dump(mode="json", by_alias=True, exclude_none=True)
-            made.append((record, theta, answer))
+            made.append((record, functions, answer))
         return made

@@ -1,11 +1,15 @@
-"""JSON: {"n": ..., "points": [[x, y, z], ...]}, nine significant digits, which give back the same float32."""
+"""JSON: {"n": ..., "points": [[x, y, z], ...]}, nine significant digits, which give back the same float32.
+
+Where points have colours, `"colors": [[red, green, blue], ...]` of 0 to 255 comes after them, in the same order.
+"""
 
 from typing import Final
 
-from service.mapping import Array
+from service.mapping import Array, Colors
 
 MAX_POINTS: Final = 100_000
 SEPARATOR: Final = b","
+COLORS: Final = b'],"colors":['
 
 
 def head(n: int, bounds: tuple[Array, Array] | None = None) -> bytes:
@@ -17,6 +21,12 @@ def body(points: Array) -> bytes:
     """Points (m, 3) -> m arrays with commas between, none at the ends."""
     items = ",".join(["[%.9g,%.9g,%.9g]"] * len(points))
     return (items % tuple(points.ravel().tolist())).encode("ascii")
+
+
+def colors(rows: Colors) -> bytes:
+    """Colours (m, 3) -> m arrays with commas between, none at the ends."""
+    items = ",".join(["[%d,%d,%d]"] * len(rows))
+    return (items % tuple(rows.ravel().tolist())).encode("ascii")
 
 
 def tail(n: int) -> bytes:

@@ -1,27 +1,40 @@
-"""Point Cloud Library's PCD 0.7, binary: three float32 a point."""
+"""Point Cloud Library's PCD 0.7, binary: three float32 a point, and `rgb` where it has a colour.
 
-from service.mapping import Array
+`rgb` is the library's own way: the bytes blue, green, red, 0, which make a number 0x00RRGGBB, said to be a float32.
+"""
+
+import numpy as np
+
+from service.formats import raw
+from service.mapping import Array, Colors
 
 _HEADER = """\
 # .PCD v0.7 - Point Cloud Data file format
 VERSION 0.7
-FIELDS x y z
-SIZE 4 4 4
-TYPE F F F
-COUNT 1 1 1
+FIELDS x y z{rgb}
+SIZE 4 4 4{size}
+TYPE F F F{type}
+COUNT 1 1 1{count}
 WIDTH {n}
 HEIGHT 1
 VIEWPOINT 0 0 0 1 0 0 0
 POINTS {n}
 DATA binary
 """
+_PLAIN = {"rgb": "", "size": "", "type": "", "count": ""}
+_COLORED = {"rgb": " rgb", "size": " 4", "type": " F", "count": " 1"}
 
 
-def head(n: int, bounds: tuple[Array, Array] | None = None) -> bytes:
+def head(n: int, bounds: tuple[Array, Array] | None = None, *, colored: bool = False) -> bytes:
     """What precedes the points; PCD needs no bounds."""
-    return _HEADER.format(n=n).encode("ascii")
+    return _HEADER.format(n=n, **(_COLORED if colored else _PLAIN)).encode("ascii")
 
 
-def length(n: int) -> int:
+def colored_body(points: Array, colors: Colors) -> bytes:
+    """Points (m, 3) and their colours -> 16 m bytes."""
+    return raw.beside(points, np.pad(colors[:, ::-1], ((0, 0), (0, 1))))
+
+
+def length(n: int, *, colored: bool = False) -> int:
     """Bytes of the whole file."""
-    return len(head(n)) + 12 * n
+    return len(head(n, colored=colored)) + (16 if colored else 12) * n

@@ -1,6 +1,7 @@
-"""PLY, binary little endian: three float32 a vertex."""
+"""PLY, binary little endian: three float32 a vertex, and red, green, blue where it has a colour."""
 
-from service.mapping import Array
+from service.formats import raw
+from service.mapping import Array, Colors
 
 _HEADER = """\
 ply
@@ -10,15 +11,25 @@ element vertex {n}
 property float x
 property float y
 property float z
-end_header
+{color}end_header
+"""
+_COLOR = """\
+property uchar red
+property uchar green
+property uchar blue
 """
 
 
-def head(n: int, bounds: tuple[Array, Array] | None = None) -> bytes:
+def head(n: int, bounds: tuple[Array, Array] | None = None, *, colored: bool = False) -> bytes:
     """What precedes the points; PLY needs no bounds."""
-    return _HEADER.format(n=n).encode("ascii")
+    return _HEADER.format(n=n, color=_COLOR if colored else "").encode("ascii")
 
 
-def length(n: int) -> int:
+def colored_body(points: Array, colors: Colors) -> bytes:
+    """Points (m, 3) and their colours -> 15 m bytes."""
+    return raw.beside(points, colors)
+
+
+def length(n: int, *, colored: bool = False) -> int:
     """Bytes of the whole file."""
-    return len(head(n)) + 12 * n
+    return len(head(n, colored=colored)) + (15 if colored else 12) * n

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from service.mapping import Array
+from service.mapping import Array, Colors
 
 FLOAT16_MAX = 65_504.0
 
@@ -20,3 +20,11 @@ def float32(points: Array) -> bytes:
 def float16(points: Array) -> bytes:
     """Points (m, 3) -> 6 m bytes; what float16 cannot hold becomes its largest value, +-65,504."""
     return np.clip(points, -FLOAT16_MAX, FLOAT16_MAX).astype("<f2").tobytes()
+
+
+def beside(points: Array, more: Colors) -> bytes:
+    """Points (m, 3), each followed by its row of more, (m, b) uint8 -> (12 + b) m bytes."""
+    rows = np.empty((len(points), 12 + more.shape[1]), np.uint8)
+    rows[:, :12] = points.astype("<f4", order="C", copy=False).view(np.uint8)
+    rows[:, 12:] = more
+    return rows.tobytes()

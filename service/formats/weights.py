@@ -1,16 +1,18 @@
 """theta and its spec as a file: safetensors, which `load` reads back, .npy, JSON, and ONNX, which runs anywhere.
 
 A safetensors file is a uint64 header length, a JSON header and the tensors' bytes
-(https://huggingface.co/docs/safetensors). Ours holds one tensor "theta" and says in its metadata what
-it means; of a composed object theta has k rows, and "word" names the object of each. The library does
+(https://huggingface.co/docs/safetensors). Ours holds a tensor "theta" and says in its metadata what
+it means; of a composed object theta has k rows, and "word" names the object of each. Where there is a colour,
+its weights are a tensor "color", and "color_spec" says what they mean. The library does
 not bound what it parses and reads metadata only from named files, so both directions are written out here.
 """
 
 import io
+import itertools
 import json
 import math
 import struct
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Final, Literal
 
@@ -18,7 +20,7 @@ import numpy as np
 
 from service.errors import CorruptWeights
 from service.formats import onnx
-from service.mapping import Array, MappingSpec
+from service.mapping import Array, Color, Functions, MappingSpec, check_color_spec
 
 WeightFormatName = Literal["safetensors", "npy", "json", "onnx"]
 
@@ -26,6 +28,8 @@ FORMAT: Final = "hof-theta-1"
 WORD_FORMAT: Final = "hof-word-1"  # of a composed object
 MAX_HEADER_BYTES: Final = 16_384
 MAX_LABEL: Final = 200  # characters of a name
+
+Shapes = dict[str, list[int]]  # of tensors, by name
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,16 +40,23 @@ class Weights:
     theta : (spec.size,) float32; of a composed object (spec.k, spec.size), the last row applied first.
     model : name of the encoder that made it.
     word : of a composed object, which object each row is; empty otherwise.
+    color : None where there is no colour.
     """
 
     spec: MappingSpec
     theta: Array
     model: str
     word: tuple[str, ...] = ()
+    color: Color | None = None
+
+    @property
+    def functions(self) -> Functions:
+        """The numbers by themselves."""
+        return Functions(self.theta, self.color)
 
     @property
     def labels(self) -> dict[str, str]:
-        """All but theta, as text: what a file says about itself."""
+        """All but the numbers, and what colours mean, as text: what a file says about itself."""
         labels = {"format": FORMAT, "model": self.model, "spec": self.spec.to_json()}
         return labels | {"format": WORD_FORMAT, "word": json.dumps(self.word)} if self.word else labels
 
@@ -70,7 +81,8 @@ def dump(weights: Weights, format: WeightFormatName) -> bytes:  # noqa: A002 - t
     """The whole file. Equal weights give equal bytes.
 
     `npy` holds theta alone, little-endian float32; `json` has the keys format, model, spec, word (of a composed
-    object) and theta, whose numbers give back the same float32; `onnx` is the whole function, x -> points.
+    object), theta, and color_spec and color (where there is one), whose numbers give back the same float32;
+    `onnx` is the whole function, x -> points, without colour.
     """
     match format:
         case "safetensors":
@@ -83,6 +95,8 @@ def dump(weights: Weights, format: WeightFormatName) -> bytes:  # noqa: A002 - t
             fields: dict[str, Any] = {**weights.labels, "spec": asdict(weights.spec), "theta": weights.theta.tolist()}
             if weights.word:
                 fields["word"] = weights.word
+            if weights.color:
+                fields |= {"color_spec": asdict(weights.color.spec), "color": weights.color.weights.tolist()}
             return json.dumps(fields, separators=(",", ":")).encode("ascii")
         case "onnx":
             labels = {f"hof.{key}": text for key, text in weights.labels.items() if key != "format"}
@@ -94,9 +108,9 @@ def load(data: bytes) -> Weights:
 
     Raises
     ------
-    CorruptWeights : the bytes are no such file, the metadata lack something, or theta has the wrong
+    CorruptWeights : the bytes are no such file, the metadata lack something, or a tensor has the wrong
         type or size or a number that is not finite.
-    InvalidSpec : the spec describes no function.
+    InvalidSpec : a spec describes no function, or the colour's does not fit.
     """
     header, payload = _split(data)
     metadata = header.pop("__metadata__", None)
@@ -109,26 +123,74 @@ def load(data: bytes) -> Weights:
     _check_label(model)
     _check_label(spec.name)
     word = _word(metadata.get("word"), spec.k) if metadata["format"] == WORD_FORMAT else ()
-    shape = [spec.k, spec.size] if word else [spec.size]
-    size = 4 * math.prod(shape)
-    tensor = {"dtype": "F32", "shape": shape, "data_offsets": [0, size]}
-    if header != {"theta": tensor} or len(payload) != size:
-        raise CorruptWeights(f'the file must hold one tensor "theta", F32 of shape {shape}, and nothing else')
-    theta = np.frombuffer(payload, "<f4").reshape(shape).astype(np.float32)
-    if not np.isfinite(theta).all():
-        raise CorruptWeights("theta holds numbers that are not finite")
-    return Weights(spec, theta, model, word)
+    color_spec = _color_spec(metadata["color_spec"], spec) if "color_spec" in metadata else None
+    arrays = _arrays(header, payload, list(_tensors(spec, color_spec, bool(word))))
+    color = Color(color_spec, arrays["color"]) if color_spec else None
+    return Weights(spec, arrays["theta"], model, word, color)
+
+
+def _color_spec(text: object, spec: MappingSpec) -> MappingSpec:
+    if not isinstance(text, str):
+        raise CorruptWeights('the metadata\'s "color_spec" is no text')
+    color_spec = MappingSpec.from_json(text)
+    _check_label(color_spec.name)
+    check_color_spec(spec, color_spec)
+    return color_spec
+
+
+def _tensors(spec: MappingSpec, color_spec: MappingSpec | None, is_word: bool) -> Iterator[Shapes]:
+    """What tensors a file may hold; of a word 1 to k functions may have a colour."""
+    theta = {"theta": [spec.k, spec.size] if is_word else [spec.size]}
+    if color_spec is None:
+        yield theta
+    elif is_word:
+        yield from (theta | {"color": [colored, color_spec.size]} for colored in range(spec.k, 0, -1))
+    else:
+        yield theta | {"color": [color_spec.size]}
+
+
+def _arrays(header: dict[str, Any], payload: memoryview, allowed: Sequence[Shapes]) -> dict[str, Array]:
+    """The tensors, in whichever order the file has them."""
+    for shapes in allowed:
+        for order in itertools.permutations(shapes):
+            entries = _entries({name: shapes[name] for name in order})
+            if header == entries and len(payload) == _end(entries):
+                return {name: _array(name, payload, entry) for name, entry in entries.items()}
+    wanted = " and ".join(f'"{name}" of shape {shape}' for name, shape in allowed[0].items())
+    raise CorruptWeights(f"the file must hold {wanted}, F32, and nothing else")
+
+
+def _entries(shapes: Shapes) -> dict[str, dict[str, Any]]:
+    """The header's entries of float32 tensors that stand one after another."""
+    entries: dict[str, dict[str, Any]] = {}
+    for name, shape in shapes.items():
+        begin = _end(entries)
+        entries[name] = {"dtype": "F32", "shape": shape, "data_offsets": [begin, begin + 4 * math.prod(shape)]}
+    return entries
+
+
+def _end(entries: dict[str, dict[str, Any]]) -> int:
+    return max((entry["data_offsets"][1] for entry in entries.values()), default=0)
+
+
+def _array(name: str, payload: memoryview, entry: dict[str, Any]) -> Array:
+    begin, end = entry["data_offsets"]
+    array: Array = np.frombuffer(payload[begin:end], "<f4").reshape(entry["shape"]).astype(np.float32)
+    if not np.isfinite(array).all():
+        raise CorruptWeights(f"{name} holds numbers that are not finite")
+    return array
 
 
 def _dump_safetensors(weights: Weights) -> bytes:
-    theta = weights.theta.astype("<f4", copy=False).tobytes()
-    header = {
-        "__metadata__": weights.labels,
-        "theta": {"dtype": "F32", "shape": list(weights.theta.shape), "data_offsets": [0, len(theta)]},
-    }
+    metadata, arrays = weights.labels, {"theta": weights.theta}
+    if weights.color:
+        metadata |= {"color_spec": weights.color.spec.to_json()}
+        arrays |= {"color": weights.color.weights}
+    header = {"__metadata__": metadata} | _entries({name: list(array.shape) for name, array in arrays.items()})
     text = json.dumps(header, separators=(",", ":")).encode("ascii")
     text = text.ljust(-len(text) % 8 + len(text))  # tensors start at a multiple of 8 bytes
-    return struct.pack("<Q", len(text)) + text + theta
+    payload = b"".join(array.astype("<f4", copy=False).tobytes() for array in arrays.values())
+    return struct.pack("<Q", len(text)) + text + payload
 
 
 def _split(data: bytes) -> tuple[dict[str, Any], memoryview]:

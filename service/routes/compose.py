@@ -13,7 +13,7 @@ from service.clients import while_there
 from service.composition import Proposal, check_values, propose
 from service.errors import InvalidInput, NotFound
 from service.ids import is_id
-from service.mapping import Array
+from service.mapping import Functions
 from service.points import PROBE_POINTS
 from service.queries import Composition, NoQuery
 from service.runtime import Ready, Runtime
@@ -86,8 +86,8 @@ async def _read(request: Request) -> Composition:
         raise RequestValidationError(errors) from error
 
 
-async def _members(runtime: Runtime, ids: Sequence[str]) -> list[tuple[Record, Array]]:
-    """The objects that are named, with their thetas. Raises NotFound for the first that is not there."""
+async def _members(runtime: Runtime, ids: Sequence[str]) -> list[tuple[Record, Functions]]:
+    """The objects that are named, with their functions. Raises NotFound for the first that is not there."""
     members = []
     for index, object_id in enumerate(ids):
         found = await runtime.store.find(object_id) if is_id(object_id) else None
@@ -104,4 +104,4 @@ async def _keep(request: Request, runtime: Runtime, proposals: Sequence[Proposal
     if not fresh:
         return [kept[proposal.record.id] for proposal in proposals], False
     await while_there(request, runtime.run(check_values, fresh))
-    return await runtime.store.put_all([(proposal.record, proposal.theta) for proposal in proposals])
+    return await runtime.store.put_all([(proposal.record, proposal.own) for proposal in proposals])

@@ -12,10 +12,10 @@ from service.clients import while_there
 from service.errors import InvalidParameter
 from service.ids import encoded_id
 from service.images import Framed, Framing, preprocess
-from service.mapping import Array
+from service.mapping import Functions
 from service.queries import EncodeQuery
 from service.runtime import Ready, Runtime
-from service.schemas import OVERLOADED, EncodedObject, EncodedWeights, ImageReport, Problem, Spec, base64_of
+from service.schemas import OVERLOADED, EncodedObject, EncodedWeights, Problem
 from service.store import Record
 from service.uploads import read_image, size_ahead
 
@@ -86,19 +86,19 @@ async def encode(
         work = runtime.run(preprocess, image, framing, query.background, max_pixels, runtime.matting)
         framed = await while_there(request, work)
         if not query.store:
-            theta = await while_there(request, runtime.batcher.encode(framed.tensor))
-            return _weights(runtime, framed, theta)
-        record, theta, created = await _put(request, runtime, image, framing, framed)
+            functions = await while_there(request, runtime.batcher.encode(framed.tensor))
+            return EncodedWeights.of(encoder.name, encoder.spec, functions, framed)
+        record, functions, created = await _put(request, runtime, image, framing, framed)
     if created:
         response.status_code = 201
         response.headers["Location"] = f"/objects/{record.id}"
-    return EncodedObject.of_image(record, framed, theta if query.include == "weights" else None)
+    return EncodedObject.of_image(record, framed, functions if query.include == "weights" else None)
 
 
 async def _put(
     request: Request, runtime: Runtime, image: bytes, framing: Framing, framed: Framed
-) -> tuple[Record, Array, bool]:
-    """The object of a framed image, its theta, and whether it is new."""
+) -> tuple[Record, Functions, bool]:
+    """The object of a framed image, its functions, and whether it is new."""
     encoder, store = runtime.encoder, runtime.store
     models = [encoder.digest]
     if framed.mask == "matting" and runtime.matting:
@@ -107,19 +107,7 @@ async def _put(
     known = await store.find(object_id)
     if known is not None:
         return *known, False
-    theta = await while_there(request, runtime.batcher.encode(framed.tensor))
-    record, created = await store.put(
-        Record(object_id, "encoded", encoder.name, encoder.spec, datetime.now(UTC)), theta
-    )
-    return record, theta, created
-
-
-def _weights(runtime: Runtime, framed: Framed, theta: Array) -> EncodedWeights:
-    encoder = runtime.encoder
-    return EncodedWeights(
-        model=encoder.name,
-        spec=Spec.of(encoder.spec),
-        bytes=theta.nbytes,
-        image=ImageReport.of(framed),
-        weights=base64_of(theta),
-    )
+    functions = await while_there(request, runtime.batcher.encode(framed.tensor))
+    new = Record(object_id, "encoded", encoder.name, encoder.spec, datetime.now(UTC), color_spec=encoder.color_spec)
+    record, created = await store.put(new, functions)
+    return record, functions, created

@@ -33,12 +33,13 @@ async def ready(request: Request, query: Annotated[NoQuery, Query()], runtime: R
 
 @router.get("/model", tags=["model"])
 async def model(query: Annotated[NoQuery, Query()], runtime: Ready) -> Model:
-    """The loaded model: its card, the spec of its thetas, and how it frames images."""
+    """The loaded model: its card, the specs of its thetas and colours, and how it frames images."""
     encoder = runtime.encoder
     return Model(
         name=encoder.name,
         digest=encoder.digest,
         spec=Spec.of(encoder.spec),
+        color=Spec.of(encoder.color_spec) if encoder.color_spec else None,
         framing=ModelFraming(**asdict(encoder.framing)),
         card=encoder.card,
     )

@@ -13,7 +13,6 @@ from service.errors import InvalidParameter, NotFound
 from service.formats import POINT_FORMATS, negotiate
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
 from service.ids import imported_id, is_id
-from service.mapping import word_of
 from service.points import PROBE_POINTS, check_finite, check_size, gzipped, in_flight, stream
 from service.queries import NoQuery, PageQuery, PointsQuery, WeightsQuery
 from service.runtime import Ready
@@ -81,9 +80,7 @@ async def import_object(
     with runtime.gates.points.admit(PROBE_POINTS), runtime.gates.uploads.admit(size_ahead(request, max_bytes)):
         body = await read_body(request, max_bytes)
         weights = await while_there(request, runtime.run(_finite_weights, body))
-        object_id = imported_id(weights.spec, weights.theta)
-        record = Record(object_id, "imported", weights.model, weights.spec, datetime.now(UTC))
-        record, created = await runtime.store.put(record, weights.theta)
+        record, created = await runtime.store.put(_imported(weights), weights.functions)
     if created:
         response.status_code = 201
         response.headers["Location"] = f"/objects/{record.id}"
@@ -127,14 +124,16 @@ async def delete_object(id_: ObjectId, query: Annotated[NoQuery, Query()], runti
     },
 )
 async def points(request: Request, id_: ObjectId, query: Annotated[PointsQuery, Query()], runtime: Ready) -> Response:
-    """Sample the object: canonical points through f^k, in the object frame (+Y up, front +Z, longest side 1).
+    """Sample the object: canonical points through f^k, in the object frame (+Y up, front +Z, longest side 1), each
+    with its colour where the object has colours and the format holds them.
 
     The first m points of n are the points of m; `offset` goes on where another call stopped.
     """
     fmt = POINT_FORMATS[query.format] if query.format else negotiate(request.headers.get("accept"))
     check_size(fmt, query.n, runtime.settings.max_points)
-    record, theta = await runtime.store.get(id_)
-    cloud = query.cloud(record.spec, theta)
+    record, functions = await runtime.store.get(id_)
+    cloud = query.cloud(record.spec, functions)
+    fmt = fmt.holding(color=cloud.functions.color is not None)
     squeezed = fmt.is_text and accepts_gzip(request.headers.get("accept-encoding"))
     tag = etag(id_, fmt.name, query.model_dump(exclude={"format"}), squeezed)
     headers = _cached(tag) | {"Vary": "Accept, Accept-Encoding"}
@@ -172,14 +171,15 @@ async def points(request: Request, id_: ObjectId, query: Annotated[PointsQuery, 
 async def weights(request: Request, id_: ObjectId, query: Annotated[WeightsQuery, Query()], runtime: Ready) -> Response:
     """theta and its spec: all that is needed to sample the object elsewhere. A composed object has k, and its word.
 
-    An ONNX file holds them as one function, x -> points, which runs anywhere.
+    Of an object in colour, safetensors and JSON hold the colour's weights and their spec, too. An ONNX file holds
+    thetas as one function, x -> points, which runs anywhere.
     """
-    record, theta = await runtime.store.get(id_)
+    record, functions = await runtime.store.get(id_)
     headers = _cached(etag(id_, query.format))
     if is_fresh(request.headers.get("if-none-match"), headers["ETag"]):
         return Response(status_code=304, headers=headers)
     word = record.members if record.kind == "composed" else ()
-    kept = Weights(record.spec, theta, record.model, word)
+    kept = Weights(record.spec, functions.theta, record.model, word, functions.color)
     with runtime.gates.points.admit(PROBE_POINTS):
         data = await while_there(request, runtime.run(dump, kept, query.format))
     fmt = WEIGHT_FORMATS[query.format]
@@ -199,5 +199,11 @@ def _finite_weights(body: bytes) -> Weights:
     weights = load(body)
     if weights.word:
         raise InvalidParameter("this file is a composed object's: post the files of its word, and compose them")
-    check_finite(weights.spec, word_of(weights.spec, weights.theta))
+    check_finite(weights.spec, weights.functions)
     return weights
+
+
+def _imported(weights: Weights) -> Record:
+    color_spec = weights.color.spec if weights.color else None
+    id_ = imported_id(weights.spec, weights.functions)
+    return Record(id_, "imported", weights.model, weights.spec, datetime.now(UTC), color_spec=color_spec)

@@ -3,6 +3,8 @@
 import { askForKey, authorization } from "./key.js";
 
 const BYTES_PER_POINT = 12; // three float32
+const BYTES_PER_COLORED_POINT = 16; // and blue, green, red, 0
+const PCD_HEAD_ENDS = "DATA binary\n";
 
 /** An error as the service tells it (RFC 9457). */
 export class Problem extends Error {
@@ -65,21 +67,39 @@ export function pointsPath(object, query) {
   return `${object.links.points}?${new URLSearchParams(query)}`;
 }
 
-/** Fetch points, float32, and hand on their bytes (Uint8Array) as they arrive. */
+/** How many bytes a point of the object has as it arrives. */
+export function bytesPerPoint(object) {
+  return object.color ? BYTES_PER_COLORED_POINT : BYTES_PER_POINT;
+}
+
+/** Fetch points, with their colours if the object has any, and hand on their bytes (Uint8Array) as they arrive. */
 export async function streamPoints(object, query, signal, take) {
-  const answer = await call(pointsPath(object, { ...query, format: "f32" }), { signal });
+  const format = object.color ? "pcd" : "f32"; // of those with colours the one whose points are whole words
+  const answer = await call(pointsPath(object, { ...query, format }), { signal });
   const reader = answer.body.getReader();
+  let head = object.color ? "" : null; // none any more
   for (;;) {
     const { done, value } = await reader.read();
     if (done || signal?.aborted) return;
-    take(value);
+    if (head === null) take(value);
+    else {
+      const before = head.length;
+      head += String.fromCharCode(...value.subarray(0, 512)); // a head is shorter
+      const end = head.indexOf(PCD_HEAD_ENDS);
+      if (end < 0) continue;
+      take(value.subarray(end + PCD_HEAD_ENDS.length - before));
+      head = null;
+    }
   }
 }
 
-/** Fetch points, float32, at once: x, y, z of each, flat. */
+/** Fetch points at once: their bytes. */
 export async function fetchPoints(object, query) {
-  const answer = await call(pointsPath(object, { ...query, format: "f32" }));
-  return new Float32Array(await answer.arrayBuffer());
+  const bytes = new Uint8Array(query.n * bytesPerPoint(object));
+  let filled = 0;
+  await streamPoints(object, query, undefined, (part) => {
+    bytes.set(part, filled);
+    filled += part.length;
+  });
+  return bytes;
 }
-
-export { BYTES_PER_POINT };

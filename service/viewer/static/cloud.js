@@ -1,14 +1,24 @@
 // The points of one object, on the graphics card.
-import { BufferAttribute, BufferGeometry, DynamicDrawUsage, Points, Scene } from "three";
+import {
+  BufferGeometry,
+  DynamicDrawUsage,
+  InterleavedBuffer,
+  InterleavedBufferAttribute,
+  Points,
+  Scene,
+} from "three";
 
-import { BYTES_PER_POINT } from "./api.js";
+import { bytesPerPoint } from "./api.js";
 
 /** Points that arrive in order: the first m of n are those of m, so that more of them are appended. */
 export class Cloud {
-  constructor(object, material) {
+  /** `materials` shade points by depth, and paint those of objects in colour. */
+  constructor(object, materials) {
     this.object = object;
+    this.size = bytesPerPoint(object); // of a point, bytes
+    this.materials = materials;
     this.scene = new Scene();
-    this.points = new Points(new BufferGeometry(), material);
+    this.points = new Points(new BufferGeometry(), materials?.shaded);
     this.points.frustumCulled = false; // its bounds are those of the object frame
     this.scene.add(this.points);
     this.clear();
@@ -22,30 +32,45 @@ export class Cloud {
 
   /** How many points have arrived whole. */
   get count() {
-    return Math.floor(this.filled / BYTES_PER_POINT);
+    return Math.floor(this.filled / this.size);
   }
 
   /** Make room for n points and drop a point that arrived in part. */
   reserve(n) {
-    this.filled = this.count * BYTES_PER_POINT;
-    if (n * BYTES_PER_POINT <= this.bytes.length) return;
-    const bytes = new Uint8Array(n * BYTES_PER_POINT);
+    this.filled = this.count * this.size;
+    if (n * this.size <= this.bytes.length) return;
+    const bytes = new Uint8Array(n * this.size);
     bytes.set(this.bytes.subarray(0, this.filled));
     this.bytes = bytes;
     this.points.geometry.dispose();
     this.points.geometry = new BufferGeometry();
-    const positions = new BufferAttribute(new Float32Array(bytes.buffer), 3).setUsage(DynamicDrawUsage);
-    this.points.geometry.setAttribute("position", positions);
+    this.buffers = [this.#attribute("position", Float32Array, 0)];
+    if (this.object.color) this.buffers.push(this.#attribute("bgr", Uint8Array, 12));
   }
 
-  /** Append bytes of float32 positions. */
+  /** Append bytes of points. */
   append(bytes) {
-    const positions = this.points.geometry.getAttribute("position");
     const before = this.count;
     this.bytes.set(bytes, this.filled);
     this.filled += bytes.length;
-    positions.addUpdateRange(3 * before, 3 * (this.count - before));
-    positions.needsUpdate = true;
+    for (const buffer of this.buffers) {
+      buffer.addUpdateRange(buffer.stride * before, buffer.stride * (this.count - before));
+      buffer.needsUpdate = true;
+    }
+  }
+
+  /** Show the object's colours, if it has any, or shades. */
+  paint(inColor) {
+    this.points.material = inColor && this.object.color ? this.materials.painted : this.materials.shaded;
+  }
+
+  /** Three numbers of each point, from its byte `offset` on: a view of the bytes, so that nothing is copied. */
+  #attribute(name, Numbers, offset) {
+    const size = Numbers.BYTES_PER_ELEMENT;
+    const buffer = new InterleavedBuffer(new Numbers(this.bytes.buffer), this.size / size).setUsage(DynamicDrawUsage);
+    const attribute = new InterleavedBufferAttribute(buffer, 3, offset / size, Numbers === Uint8Array);
+    this.points.geometry.setAttribute(name, attribute);
+    return buffer;
   }
 
   /** Draw the first n points, or as many as there are. */

@@ -72,8 +72,8 @@ function add(object, points) {
   });
 }
 
-function draw({ item, points }) {
-  if (points) drawThumbnail(item.querySelector("canvas"), points);
+function draw({ object, item, points }) {
+  if (points) drawThumbnail(item.querySelector("canvas"), object, points);
 }
 
 /** Picture, letter and name; picture and name open the object. Firefox drags no button, so the picture is none. */

@@ -9,13 +9,21 @@ const FIELD_OF_VIEW = 26; // degrees
 const START = { azimuth: 30, elevation: 20 }; // degrees; azimuth 0 looks at the front
 const STEP = 10; // degrees a key turns
 const ZOOM = 1.15; // a key's
+const DIMMEST = 0.7; // of their colour's light: the farthest points
 const POINT_SIZE = { least: 1.4, most: 4, share: 0.42 }; // CSS pixels; share of a cell's side over sqrt(n)
 
 const VERTEX = `
   uniform float size;
   uniform float distance;
   varying float depth; // 0 nearest, 1 farthest
+  #ifdef PAINTED
+    attribute vec3 bgr; // sRGB
+    varying vec3 paint;
+  #endif
   void main() {
+    #ifdef PAINTED
+      paint = bgr.bgr;
+    #endif
     vec4 seen = modelViewMatrix * vec4(position, 1.0);
     depth = clamp(-seen.z - distance + 0.5, 0.0, 1.0);
     gl_Position = projectionMatrix * seen;
@@ -25,9 +33,16 @@ const FRAGMENT = `
   uniform vec3 near;
   uniform vec3 far;
   varying float depth;
+  #ifdef PAINTED
+    varying vec3 paint;
+  #endif
   void main() {
     if (length(gl_PointCoord - 0.5) > 0.5) discard;
-    gl_FragColor = vec4(mix(near, far, depth), 1.0);
+    #ifdef PAINTED
+      gl_FragColor = vec4(mix(1.0, DIMMEST, depth) * paint, 1.0);
+    #else
+      gl_FragColor = vec4(mix(near, far, depth), 1.0);
+    #endif
   }`;
 
 export class Stage {
@@ -38,16 +53,14 @@ export class Stage {
     this.shown = 0; // points of each cloud that are asked for
     this.renderer = new WebGLRenderer({ canvas, alpha: true, antialias: true });
     this.renderer.setClearColor(0x000000, 0);
-    this.material = new ShaderMaterial({
-      vertexShader: VERTEX,
-      fragmentShader: FRAGMENT,
-      uniforms: {
-        size: { value: 2 },
-        distance: { value: DISTANCE },
-        near: { value: new Color() },
-        far: { value: new Color() },
-      },
-    });
+    this.inColor = true;
+    this.uniforms = {
+      size: { value: 2 },
+      distance: { value: DISTANCE },
+      near: { value: new Color() },
+      far: { value: new Color() },
+    };
+    this.materials = { shaded: this.#material({}), painted: this.#material({ PAINTED: "", DIMMEST }) };
     this.camera = new PerspectiveCamera(FIELD_OF_VIEW, 1, 0.1, 20);
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.enablePan = false;
@@ -70,6 +83,12 @@ export class Stage {
   /** Show the first n points of each cloud. */
   show(n) {
     this.shown = n;
+    this.redraw();
+  }
+
+  /** Show objects in their colours, or all in shades. */
+  paint(inColor) {
+    this.inColor = inColor;
     this.redraw();
   }
 
@@ -111,6 +130,7 @@ export class Stage {
     this.renderer.setScissorTest(true);
     this.clouds.forEach((cloud, index) => {
       cloud.show(this.shown);
+      cloud.paint(this.inColor);
       const [x, y] = [index % columns, Math.floor(index / columns)];
       const cell = [x * cellWidth, height - (y + 1) * cellHeight, cellWidth, cellHeight];
       this.renderer.setViewport(...cell);
@@ -119,8 +139,17 @@ export class Stage {
     });
   }
 
+  #material(defines) {
+    return new ShaderMaterial({
+      vertexShader: VERTEX,
+      fragmentShader: FRAGMENT,
+      uniforms: this.uniforms,
+      defines,
+    });
+  }
+
   #uniforms(side, ratio) {
-    const { uniforms } = this.material;
+    const { uniforms } = this;
     const { least, most, share } = POINT_SIZE;
     uniforms.size.value = ratio * MathUtils.clamp((share * side) / Math.sqrt(this.shown || 1), least, most);
     uniforms.distance.value = this.camera.position.length();

@@ -6,7 +6,7 @@ import { attempt } from "./problem.js";
 import { Stage } from "./stage.js";
 
 const element = (id) => document.getElementById(id);
-const [slider, seed, form, format, words] = ["n", "seed", "download", "format", "words"].map(element);
+const [slider, seed, color, form, format, words] = ["n", "seed", "color", "download", "format", "words"].map(element);
 const progress = document.querySelector("#view progress");
 const line = document.querySelector("#view .curl");
 
@@ -56,7 +56,8 @@ function label(object, text) {
 function show(objects) {
   element("empty").hidden = Boolean(stage);
   form.hidden = line.hidden = objects.length > 1;
-  clouds = objects.map((object) => new Cloud(object, stage?.material));
+  color.parentElement.hidden = !objects.some((object) => object.color);
+  clouds = objects.map((object) => new Cloud(object, stage?.materials));
   stage?.set(clouds);
   fill();
 }
@@ -113,7 +114,9 @@ function chosen() {
   if (format.selectedOptions[0].parentElement.dataset.of === "weights") {
     return { path: `${object.links.weights}?format=${name}`, suffix: name };
   }
-  return { path: pointsPath(object, { n: wanted(), seed: seed.value, format: name }), suffix: name };
+  const query = { n: wanted(), seed: seed.value, format: name };
+  if (object.color && !color.checked) query.color = "none";
+  return { path: pointsPath(object, query), suffix: name };
 }
 
 function showDownload() {
@@ -142,6 +145,10 @@ function start() {
     if (!seed.reportValidity() || seed.value === "") return;
     for (const cloud of clouds) cloud.clear();
     fill();
+  });
+  color.addEventListener("change", () => {
+    stage?.paint(color.checked);
+    if (!form.hidden) showDownload();
   });
   format.addEventListener("change", showDownload);
   form.addEventListener("submit", (event) => {

@@ -1,0 +1,43 @@
+"""Colours of an object's points: drawn from the same canonical points, prefix-stable as they are."""
+
+from typing import Final
+
+import numpy as np
+
+from service.canonical import Sampling
+from service.errors import CorruptWeights
+from service.mapping import Color, Colors
+from service.sampler import Sampler
+
+WHITE: Final = 255
+
+
+class ColorSampler:
+    """The colours of one object. Packed once; any number of threads may draw from it at a time.
+
+    Raises
+    ------
+    InvalidSpec : the weights do not fit their spec.
+    """
+
+    def __init__(self, color: Color) -> None:
+        rows, self._counts = np.unique(np.atleast_2d(color.weights), axis=0, return_counts=True)  # AAB: A counts twice
+        self._samplers = [Sampler(color.spec, (row,)) for row in rows]
+
+    def colors(self, n: int, *, seed: int = 0, offset: int = 0, sampling: Sampling = "uniform") -> Colors:
+        """Colours of the points that `Sampler.points` gives for the same arguments: (n, 3) uint8, sRGB.
+
+        Raises
+        ------
+        InvalidParameter : an argument is out of range.
+        CorruptWeights : the functions' values exceed float32.
+        """
+        total = np.zeros((n, 3), np.float32)
+        for sampler, count in zip(self._samplers, self._counts, strict=True):
+            try:
+                values = sampler.points(n, seed=seed, offset=offset, sampling=sampling)
+            except CorruptWeights as error:
+                raise CorruptWeights("the colour's values exceed float32", field="color") from error
+            total += np.float32(count) * np.clip(values, 0, 1, out=values)
+        total *= np.float32(WHITE / self._counts.sum())
+        return np.rint(total, out=total).astype(np.uint8)

@@ -1,0 +1,58 @@
+"""Point clouds that are there already, and the formats that write them, with colours and without."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from service.formats import POINT_FORMATS, Part, PointFormat, write
+from service.mapping import Array, Colors
+
+FORMATS = list(POINT_FORMATS.values())
+COLORED = [fmt.colored for fmt in FORMATS if fmt.colored]
+EVERY = [*FORMATS, *COLORED]
+BINARY = [fmt for fmt in EVERY if not fmt.is_text]
+TEXT = [fmt for fmt in EVERY if fmt.is_text]
+TWO = np.array([[0.5, -1, 0], [0.1, 2e-7, -123456.789]], np.float32)
+
+
+@dataclass(frozen=True)
+class Given:
+    """Points, and colours where there are any, that are there already."""
+
+    all_points: Array
+    all_colors: Colors | None = None
+    chunk: int = 1000
+
+    @property
+    def n(self) -> int:
+        return len(self.all_points)
+
+    def parts(self) -> Iterator[Part]:
+        return ((at, min(self.chunk, self.n - at)) for at in range(0, self.n, self.chunk))
+
+    def points(self, part: Part) -> Array:
+        return self.all_points[part[0] : sum(part)]
+
+    def colors(self, part: Part) -> Colors:
+        assert self.all_colors is not None
+        return self.all_colors[part[0] : sum(part)]
+
+
+def file_of(fmt: PointFormat, points: Array, chunk: int = 1000) -> bytes:
+    """With colours, where the format is one that takes them."""
+    return b"".join(write(fmt, Given(points, colors_of(len(points)), chunk)))
+
+
+def colors_of(n: int) -> Colors:
+    return np.random.default_rng(0).integers(0, 256, (n, 3), np.uint8)
+
+
+def label(fmt: PointFormat) -> str:
+    return f"{fmt.name}-in-colour" if fmt in COLORED else fmt.name
+
+
+def colored(name: str) -> PointFormat:
+    fmt = POINT_FORMATS[name].colored
+    assert fmt
+    return fmt
