@@ -14,7 +14,7 @@ from PIL import Image
 from torch import Tensor
 
 from model.config import TrainConfig
-from model.data.augment import OVERSIZE, augment
+from model.data.augment import ANY_LIGHT, OVERSIZE, Light, augment
 from model.data.manifest import Entry, Manifest, Split, variant_files
 from service.canonical import canonical_points
 from service.images import Framing, frame
@@ -23,6 +23,7 @@ Bytes = npt.NDArray[np.uint8]
 Floats = npt.NDArray[np.float32]
 
 VISIBLE: Final = 0.005  # of a view's pixels: a flat object seen from its edge shows nothing, and is left out
+PAINT: Final = (0.4, 1.0)  # factors on the channels of an object that is painted anew
 MIRROR: Final = np.array([-1, 1, 1], np.float32)  # left and right exchanged, object frame
 
 
@@ -32,10 +33,12 @@ class Shape:
 
     crops : (views, S, S, 4) uint8 RGBA, framed by the service's code, S = OVERSIZE * size.
     points : (10000, 3) float32, object frame.
+    colours : (10000, 3) uint8, sRGB of each point as its material has it; None for variants.
     """
 
     crops: Bytes
     points: Floats
+    colours: Bytes | None = None
 
 
 @dataclass(frozen=True)
@@ -83,36 +86,57 @@ def _load_shape(path: Path, framing: Framing) -> Shape:
     with np.load(path) as arrays:
         shown = [view for view in arrays["views"] if (view[..., 3] > 0).mean() > VISIBLE]
         crops = np.stack([np.asarray(frame(Image.fromarray(view), framing)[0]) for view in shown])
-        return Shape(crops, arrays["points"])
+        return Shape(crops, arrays["points"], arrays.get("colours"))
 
 
 @dataclass(frozen=True)
 class Batch:
-    """images (b, 3, size, size) in [0, 1]; canonical (b, n, d); true points (b, m, 3)."""
+    """images (b, 3, size, size) in [0, 1]; canonical (b, n, d); true points (b, m, 3), and their colours
+    (b, m, 3) uint8 where every shape has them."""
 
     images: Tensor
     canonical: Tensor
     points: Tensor
+    colours: Tensor | None
 
 
-def draw_batch(examples: Examples, config: TrainConfig, step: int) -> Batch:
+def draw_batch(
+    examples: Examples, config: TrainConfig, step: int, light: Light = ANY_LIGHT, painted: float = 0.0
+) -> Batch:
     """The batch of a step: a function of (seed, step) alone, so that a resumed run sees the same data.
 
     Each object comes as one of all its views, those of its variants included, and half of them mirrored:
-    an image flipped left to right shows the shape with x negated.
+    an image flipped left to right shows the shape with x negated. A share of `painted` shows its object, which
+    must have colours, in other ones.
     """
     rng = np.random.default_rng([config.seed, step])
     mirrored = rng.random(config.batch) < 0.5
-    crops, points = [], []
+    crops, points, colours = [], [], []
     for number, turned in zip(_epoch_slice(len(examples.entries), config, step), mirrored, strict=True):
         shape, view = _any_view(examples.shapes[number], rng)
-        chosen = shape.points[rng.integers(len(shape.points), size=config.target_points)]
-        crops.append(shape.crops[view])
+        drawn = rng.integers(len(shape.points), size=config.target_points)
+        chosen, crop = shape.points[drawn], shape.crops[view]
         points.append(chosen * MIRROR if turned else chosen)
-    images = augment(torch.from_numpy(np.stack(crops)).permute(0, 3, 1, 2), rng)
+        if shape.colours is not None:
+            own = shape.colours[drawn]
+            crop, own = _painted(crop, own, rng) if painted and rng.random() < painted else (crop, own)
+            colours.append(own)
+        crops.append(crop)
+    images = augment(torch.from_numpy(np.stack(crops)).permute(0, 3, 1, 2), rng, light)
     images[mirrored] = images[mirrored].flip(3)  # augmentation knows no left and right: last is cheapest
     canonical = torch.from_numpy(uniform_points(config, rng))
-    return Batch(images, canonical, torch.from_numpy(np.stack(points)))
+    coloured = torch.from_numpy(np.stack(colours)) if len(colours) == config.batch else None
+    return Batch(images, canonical, torch.from_numpy(np.stack(points)), coloured)
+
+
+def _painted(crop: Bytes, colours: Bytes, rng: np.random.Generator) -> tuple[Bytes, Bytes]:
+    """An object in other colours, its points (m, 3) as its view (S, S, 4): channels exchanged, each made weaker.
+
+    A view is close to material times light in each channel, so that both stay true to each other.
+    """
+    order, factors = rng.permutation(3), rng.uniform(*PAINT, 3)
+    rgb = crop[..., order] * factors
+    return np.dstack([rgb.astype(np.uint8), crop[..., 3]]), (colours[:, order] * factors).astype(np.uint8)
 
 
 def _any_view(shapes: list[Shape], rng: np.random.Generator) -> tuple[Shape, int]:
