@@ -128,7 +128,7 @@ def to_onnx(network: nn.Module, size: int, *outputs: str) -> onnx.ModelProto:
             (torch.zeros(1, 3, size, size),),
             path,
             input_names=["image"],
-            output_names=outputs,
+            output_names=list(outputs),
             dynamic_axes={name: {0: "batch"} for name in ("image", *outputs)},
             opset_version=OPSET,
             dynamo=False,

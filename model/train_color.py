@@ -26,7 +26,6 @@ from model.provenance import provenance
 from model.train import chosen_checkpoint, load_encoder, schedule
 from service.mapping import MappingSpec
 
-PAINTED: Final = 0.8  # of the objects: their colours are then to be read off the image, not known by heart
 POINTS: Final = 256  # canonical, of each image
 TARGET_POINTS: Final = 4_000  # true ones, among which each of them finds the nearest
 KEPT: Final = 400  # batches, of 17 kB an image
@@ -63,7 +62,7 @@ def train_color(data: Path, run: Path, minutes: float, seed: int = 0) -> Path:
     with ThreadPoolExecutor(1) as threads, tqdm(total=round(budget_s), unit="s", desc="color") as bar:
         started = time.monotonic()
         while elapsed_s < budget_s:
-            kept.append(see(encoder, config.spec, draw_batch(examples, config, draws, WHITE_LIGHT, PAINTED), threads))
+            kept.append(see(encoder, config.spec, draw_batch(examples, config, draws, WHITE_LIGHT), threads))
             draws += 1
             for batch in [kept[-1], *(kept[index] for index in rng.integers(len(kept), size=STEPS - 1))]:
                 learner.step(batch, min(1.0, elapsed_s / budget_s))

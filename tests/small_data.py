@@ -44,7 +44,8 @@ def box(number: int, n: int = 10_000) -> npt.NDArray[np.float32]:
 
 def colours(points: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
     """(n, 3) uint8: red grows to the right, green upwards, blue to the front."""
-    return np.rint(255 * (points + 0.5)).astype(np.uint8)
+    found: npt.NDArray[np.uint8] = np.rint(255 * (points + 0.5)).astype(np.uint8)
+    return found
 
 
 def views(points: npt.NDArray[np.float32], count: int, azimuth: float = 0.0) -> npt.NDArray[np.uint8]:

@@ -89,7 +89,7 @@ def test_the_head_learns_and_the_encoder_stays_as_it_is(run: Path, data: Path) -
 
 def test_a_target_outside_the_start_is_reached(run: Path) -> None:
     head = head_of(load_encoder(run / "last.pt")[0])
-    learner, inputs = _Learner(head), torch.rand(8, head.layers[0].num_features)  # type: ignore[arg-type]
+    learner, inputs = _Learner(head), torch.rand(8, len(head.state_dict()["layers.0.running_mean"]))
     seen = Seen(inputs, torch.rand(8, 64, 3) - 0.5, torch.tensor([255, 128, 0], dtype=torch.uint8).expand(8, 64, 3))
     for _ in range(150):
         learner.step(seen, 0.3)
@@ -127,7 +127,7 @@ def test_theta_is_the_same_in_a_file_with_colour(domain: str, tmp_path: Path) ->
         assert one.color is None
         np.testing.assert_array_equal(one.theta, other.theta)
     with torch.no_grad():
-        head.head.linear.bias += 0.1
+        head.mix.linear.bias.add_(0.1)
     assert max(color_parity(ColoredEncoder(encoder, head), config, exported).values()) > TOLERANCE
 
 

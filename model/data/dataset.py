@@ -23,7 +23,6 @@ Bytes = npt.NDArray[np.uint8]
 Floats = npt.NDArray[np.float32]
 
 VISIBLE: Final = 0.005  # of a view's pixels: a flat object seen from its edge shows nothing, and is left out
-PAINT: Final = (0.4, 1.0)  # factors on the channels of an object that is painted anew
 MIRROR: Final = np.array([-1, 1, 1], np.float32)  # left and right exchanged, object frame
 
 
@@ -100,14 +99,11 @@ class Batch:
     colours: Tensor | None
 
 
-def draw_batch(
-    examples: Examples, config: TrainConfig, step: int, light: Light = ANY_LIGHT, painted: float = 0.0
-) -> Batch:
+def draw_batch(examples: Examples, config: TrainConfig, step: int, light: Light = ANY_LIGHT) -> Batch:
     """The batch of a step: a function of (seed, step) alone, so that a resumed run sees the same data.
 
     Each object comes as one of all its views, those of its variants included, and half of them mirrored:
-    an image flipped left to right shows the shape with x negated. A share of `painted` shows its object, which
-    must have colours, in other ones.
+    an image flipped left to right shows the shape with x negated.
     """
     rng = np.random.default_rng([config.seed, step])
     mirrored = rng.random(config.batch) < 0.5
@@ -115,28 +111,16 @@ def draw_batch(
     for number, turned in zip(_epoch_slice(len(examples.entries), config, step), mirrored, strict=True):
         shape, view = _any_view(examples.shapes[number], rng)
         drawn = rng.integers(len(shape.points), size=config.target_points)
-        chosen, crop = shape.points[drawn], shape.crops[view]
+        chosen = shape.points[drawn]
+        crops.append(shape.crops[view])
         points.append(chosen * MIRROR if turned else chosen)
         if shape.colours is not None:
-            own = shape.colours[drawn]
-            crop, own = _painted(crop, own, rng) if painted and rng.random() < painted else (crop, own)
-            colours.append(own)
-        crops.append(crop)
+            colours.append(shape.colours[drawn])
     images = augment(torch.from_numpy(np.stack(crops)).permute(0, 3, 1, 2), rng, light)
     images[mirrored] = images[mirrored].flip(3)  # augmentation knows no left and right: last is cheapest
     canonical = torch.from_numpy(uniform_points(config, rng))
     coloured = torch.from_numpy(np.stack(colours)) if len(colours) == config.batch else None
     return Batch(images, canonical, torch.from_numpy(np.stack(points)), coloured)
-
-
-def _painted(crop: Bytes, colours: Bytes, rng: np.random.Generator) -> tuple[Bytes, Bytes]:
-    """An object in other colours, its points (m, 3) as its view (S, S, 4): channels exchanged, each made weaker.
-
-    A view is close to material times light in each channel, so that both stay true to each other.
-    """
-    order, factors = rng.permutation(3), rng.uniform(*PAINT, 3)
-    rgb = crop[..., order] * factors
-    return np.dstack([rgb.astype(np.uint8), crop[..., 3]]), (colours[:, order] * factors).astype(np.uint8)
 
 
 def _any_view(shapes: list[Shape], rng: np.random.Generator) -> tuple[Shape, int]:
