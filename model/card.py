@@ -14,16 +14,24 @@ LIMITS = (
     "rough shapes that look like one of them.",
     "The object frame has the front at +Z; from a view of the back the model must guess which way that is.",
     "Thin parts (chair legs, lamp stems) come out thicker or thinner than they are, and unseen sides are guesses.",
-    "Geometry only: no colour. Scale is not known from a photo: the longest side is 1 unless you pass `scale`.",
+    "Scale is not known from a photo: the longest side is 1 unless you pass `scale`.",
 )
+COLOR_LIMIT = (
+    "Colours are what the materials have without light, guessed from a photo with it: about right on large parts, "
+    "and blurred over patterns and small ones."
+)
+NO_COLOR_LIMIT = "Geometry only: no colour."
 
 
-def make_card(name: str, config: TrainConfig, run: dict[str, Any], manifest: Manifest) -> dict[str, Any]:
+def make_card(
+    name: str, config: TrainConfig, run: dict[str, Any], manifest: Manifest, color: dict[str, Any] | None = None
+) -> dict[str, Any]:
     """The card of a trained encoder, before its figures.
 
     Parameters
     ----------
     run : `step` and `elapsed_s` of the checkpoint.
+    color : how the colour head was trained; None where there is none.
     """
     sizes = {split: sum(1 for _ in manifest.of(split)) for split in SPLITS}
     licences = sorted({f"{entry.source}: {entry.licence}" for entry in manifest.entries})
@@ -39,7 +47,8 @@ def make_card(name: str, config: TrainConfig, run: dict[str, Any], manifest: Man
             "config": config.to_dict(),
             **provenance(config.seed),
         },
-        "limits": list(LIMITS),
+        **({"color": color} if color else {}),
+        "limits": [*LIMITS, COLOR_LIMIT if color else NO_COLOR_LIMIT],
     }
 
 
@@ -53,7 +62,10 @@ def figures(evaluations: list[Evaluation]) -> dict[str, dict[str, list[float]]]:
 
 def page(card: dict[str, Any], parameters: int, bytes_: int) -> str:
     """The card as a Markdown page."""
-    training, data = card["training"], card["data"]
+    training, data, color = card["training"], card["data"], card.get("color")
+    coloured = (
+        f"a head on the frozen encoder, {color['images']:,} images, {color['minutes']} minutes" if color else "none"
+    )
     shown = "\n".join(
         f"| {method} | " + " | ".join(f"{values[name][0]:.3f}" for name in NAMES) + " |"
         for method, values in card["figures"].items()
@@ -70,6 +82,7 @@ Written by `hof-model export` from the file's own metadata. `GET /model` serves 
   objects, split by object after removing duplicates, 24 renders each. Sources: {"; ".join(data["licences"])}.
 - **Training**: {training["minutes"]} minutes, {training["steps"]:,} steps, seed {training["seed"]}, on
   {training["machine"]}, {training["date"]}, commit {training["commit"]}.
+- **Colour**: {coloured}.
 
 ## Figures on the test split
 

@@ -37,6 +37,11 @@ def _parser() -> argparse.ArgumentParser:
     _add_data(stages.add_parser("data", help="build or look at a data set").add_subparsers(required=True))
     _add_train(stages.add_parser("train", help="train an image encoder; an existing run is resumed"))
     _add_evaluate(stages.add_parser("evaluate", help="print the figures of a trained model, or write its raw metrics"))
+    stage = stages.add_parser("color", help="train the colour head of a trained run, whose encoder stays as it is")
+    stage.set_defaults(run=_color)
+    _add_common(stage)
+    stage.add_argument("--run", type=Path, default=RUN, dest="folder")
+    stage.add_argument("--minutes", type=float, default=12.0)
     stage = stages.add_parser("export", help="checkpoint -> ONNX with its model card; evaluates it on the test split")
     stage.set_defaults(run=_export)
     _add_common(stage)
@@ -203,6 +208,12 @@ def _train(arguments: argparse.Namespace) -> None:
     print(checkpoint)
 
 
+def _color(arguments: argparse.Namespace) -> None:
+    from model.train_color import train_color
+
+    print(train_color(arguments.data, arguments.folder, arguments.minutes, arguments.seed))
+
+
 def _evaluate(arguments: argparse.Namespace) -> None:
     from model import comparison
     from model.evaluate import cases
@@ -237,19 +248,21 @@ def _retrain(arguments: argparse.Namespace) -> None:
 def _export(arguments: argparse.Namespace) -> None:
     from model.card import figures, make_card, page
     from model.checkpoints import chosen_checkpoint, load_encoder
+    from model.color import load
     from model.comparison import encoder_record, references
     from model.data.manifest import Manifest
     from model.export import export
     from service.encoder import Encoder
 
     trained, config, run = load_encoder(chosen_checkpoint(arguments.folder))
+    color, coloured = load(arguments.folder, trained, config.spec) or (None, None)
     output: Path = arguments.output
-    card = make_card(output.stem, config, run, Manifest.read(arguments.data))
-    for what, difference in export(trained, config, card, output).items():
+    card = make_card(output.stem, config, run, Manifest.read(arguments.data), coloured)
+    for what, difference in export(trained, config, card, output, color).items():
         print(f"{what}: {difference:.1e}")
     measured = encoder_record(Encoder.open(output, threads=1), arguments.data, "test", arguments.seed).evaluations
     card["figures"] = figures([*measured, *references(arguments.data, "test", arguments.seed)])
-    export(trained, config, card, output)
+    export(trained, config, card, output, color)
     card_page = page(card, config.spec.size, output.stat().st_size)
     (output.parent / "README.md").write_text(card_page, encoding="utf-8")
     print(f"{output}: {output.stat().st_size:,} bytes")

@@ -36,11 +36,13 @@ POINTS: Final = 10_000  # predicted, against all 10,000 true ones
 
 @dataclass(frozen=True)
 class Case:
-    """One object of a split: its views (24, S, S, 4) uint8 and its true points (10000, 3)."""
+    """One object of a split: its views (24, S, S, 4) uint8, its true points (10000, 3) and their sRGB colours
+    (10000, 3) uint8."""
 
     entry: Entry
     views: Bytes
     points: Floats
+    colours: Bytes
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,7 @@ def cases(data: Path, split: Split) -> Iterator[Case]:
     """The objects of a split in manifest order. Raises FileNotFoundError without a data set."""
     for entry in Manifest.read(data).of(split):
         with np.load(data / entry.file) as arrays:
-            yield Case(entry, arrays["views"], arrays["points"])
+            yield Case(entry, arrays["views"], arrays["points"], arrays["colours"])
 
 
 def encoder_answer(encoder: Encoder) -> Answer:
@@ -110,7 +112,7 @@ def measure(
         answers = [answer(photo, max(counts)) for photo in photos]
         return [_mean([compare(points[:n], case.points) for points in answers]) for n in counts]
 
-    rows = _in_threads(figures, objects, f"{method}, {condition}")
+    rows = in_threads(figures, objects, f"{method}, {condition}")
     return [
         Evaluation(method, _columns(found), condition, n)
         for n, found in zip(counts, zip(*rows, strict=True), strict=True)
@@ -121,10 +123,11 @@ def measure_objects(
     method: str, figures: Callable[[Case], dict[str, float]], objects: Sequence[Case], n: int = POINTS
 ) -> Evaluation:
     """The evaluation of a method that looks at no image: a reference, a bound."""
-    return Evaluation(method, _columns(_in_threads(figures, objects, method)), n=n)
+    return Evaluation(method, _columns(in_threads(figures, objects, method)), n=n)
 
 
-def _in_threads(work: Callable[[Case], T], objects: Sequence[Case], what: str) -> list[T]:
+def in_threads(work: Callable[[Case], T], objects: Sequence[Case], what: str) -> list[T]:
+    """`work` of every object in their order; `what` is what the progress bar says."""
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         return list(tqdm(threads.map(work, objects), total=len(objects), desc=what, unit="object"))
 

@@ -17,6 +17,7 @@ import torch
 from onnx import helper, numpy_helper
 from torch import nn
 
+from model.color import ColoredEncoder, ColorHead
 from model.config import TrainConfig
 from model.files import whole_file
 from model.networks import ImageEncoder, power
@@ -31,30 +32,39 @@ PARITY_IMAGES: Final = 8
 PARITY_POINTS: Final = 2_000
 
 
-def export(encoder: ImageEncoder, config: TrainConfig, card: dict[str, Any], output: Path) -> dict[str, float]:
+def export(
+    encoder: ImageEncoder, config: TrainConfig, card: dict[str, Any], output: Path, color: ColorHead | None = None
+) -> dict[str, float]:
     """Write `output` whole or not at all; returns the largest differences that `parity` found.
 
     Parameters
     ----------
     card : the model card; `name` is required by the service.
+    color : where given, the file has a second output `color`; theta is the same with it and without.
 
     Raises
     ------
     ValueError : torch, onnxruntime and NumPy disagree by more than TOLERANCE.
     """
-    _round_matrices(encoder)
-    graph = _halve(to_onnx(encoder, config.framing.size, "theta"))
+    network = ColoredEncoder(encoder, color) if color else encoder
+    _round_matrices(network)
+    graph = _halve(to_onnx(network, config.framing.size, "theta", *(["color"] if color else [])))
     metadata = {
         "hof.format": str(FORMAT),
         "hof.spec": config.spec.to_json(),
         "hof.framing": asdict(config.framing),
         "hof.card": card,
     }
+    if color:
+        metadata["hof.color_spec"] = color.spec.to_json()
     for key, value in metadata.items():
         entry = graph.metadata_props.add()
         entry.key, entry.value = key, value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
     data = graph.SerializeToString()
-    differences = parity(encoder, config, Encoder(data, threads=1))
+    exported = Encoder(data, threads=1)
+    differences = parity(encoder, config, exported)
+    if color:
+        differences |= color_parity(ColoredEncoder(encoder, color), config, exported)
     if max(differences.values()) > TOLERANCE:
         raise ValueError(f"torch, onnxruntime and NumPy disagree: {differences}, the limit is {TOLERANCE}")
     output.parent.mkdir(parents=True, exist_ok=True)
@@ -68,8 +78,7 @@ def parity(encoder: ImageEncoder, config: TrainConfig, exported: Encoder, seed: 
     """Largest differences, over random images, of theta (torch and onnxruntime) and of points (torch,
     the NumPy reference, the service's sampler)."""
     spec = config.spec
-    rng = np.random.default_rng(seed)
-    images = rng.random((PARITY_IMAGES, 3, config.framing.size, config.framing.size), np.float32)
+    images = _random_images(config, seed)
     theta = encoder(torch.from_numpy(images))
     theta_ort = np.stack([functions.theta for functions in exported.encode(images)])
     canonical = canonical_points(spec.domain, PARITY_POINTS, seed)
@@ -85,15 +94,36 @@ def parity(encoder: ImageEncoder, config: TrainConfig, exported: Encoder, seed: 
 
 
 @torch.no_grad()
-def _round_matrices(encoder: ImageEncoder) -> None:
+def color_parity(network: ColoredEncoder, config: TrainConfig, exported: Encoder, seed: int = 0) -> dict[str, float]:
+    """Largest differences, over random images, of the colour's weights (torch and onnxruntime) and of colours in
+    [0, 1] (torch, the NumPy reference)."""
+    images = _random_images(config, seed)
+    weights = network(torch.from_numpy(images))[1]
+    weights_ort = np.stack([functions.color.weights for functions in exported.encode(images) if functions.color])
+    spec, canonical = network.head.spec, canonical_points(config.spec.domain, PARITY_POINTS, seed)
+    colors = power(spec, weights, torch.from_numpy(canonical).expand(PARITY_IMAGES, -1, -1)).numpy()
+    reference = np.stack([mapping.power(spec, row, canonical) for row in weights_ort])
+    return {
+        "color: torch - onnxruntime": float(np.abs(weights.numpy() - weights_ort).max()),
+        "colours: torch - NumPy": float(np.abs(colors.clip(0, 1) - reference.clip(0, 1)).max()),
+    }
+
+
+def _random_images(config: TrainConfig, seed: int) -> mapping.Array:
+    side = config.framing.size
+    return np.random.default_rng(seed).random((PARITY_IMAGES, 3, side, side), np.float32)
+
+
+@torch.no_grad()
+def _round_matrices(network: nn.Module) -> None:
     """Round every matrix and kernel to what float16 can hold; vectors keep float32."""
-    for parameter in encoder.parameters():
+    for parameter in network.parameters():
         if parameter.dim() > 1:
             parameter.copy_(parameter.half().float())
 
 
-def to_onnx(network: nn.Module, size: int, output: str) -> onnx.ModelProto:
-    """A network of images (b, 3, size, size) as a graph with the input `image` and one output of that name."""
+def to_onnx(network: nn.Module, size: int, *outputs: str) -> onnx.ModelProto:
+    """A network of images (b, 3, size, size) as a graph with the input `image` and outputs of these names."""
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         # torch's newer exporter needs a further package and gives this graph no better file
         warnings.simplefilter("ignore", DeprecationWarning)
@@ -103,8 +133,8 @@ def to_onnx(network: nn.Module, size: int, output: str) -> onnx.ModelProto:
             (torch.zeros(1, 3, size, size),),
             path,
             input_names=["image"],
-            output_names=[output],
-            dynamic_axes={"image": {0: "batch"}, output: {0: "batch"}},
+            output_names=list(outputs),
+            dynamic_axes={name: {0: "batch"} for name in ("image", *outputs)},
             opset_version=OPSET,
             dynamo=False,
         )

@@ -82,10 +82,11 @@ def projection(predicted: Tensor, canonical: Tensor) -> Tensor:
 
 def _squared_distances(predicted: Tensor, true: Tensor, threads: ThreadPoolExecutor) -> tuple[Tensor, Tensor]:
     """Squared distance of each point to its nearest of the other cloud: (b, n) of predicted, (b, m) of true."""
-    forward = _gather(true, nearest(predicted, true, threads)) - predicted
-    backward = _gather(predicted, nearest(true, predicted, threads)) - true
+    forward = gather(true, nearest(predicted, true, threads)) - predicted
+    backward = gather(predicted, nearest(true, predicted, threads)) - true
     return forward.square().sum(-1), backward.square().sum(-1)
 
 
-def _gather(points: Tensor, index: Tensor) -> Tensor:
+def gather(points: Tensor, index: Tensor) -> Tensor:
+    """What a point's index stands for, per batch element: (b, m, 3), (b, n) int64 -> (b, n, 3)."""
     return points.gather(1, index.unsqueeze(-1).expand(-1, -1, 3))

@@ -65,10 +65,14 @@ class ImageTrunk(nn.Module):
 
     def forward(self, image: Tensor) -> Tensor:
         """(b, 3, size, size) in [0, 1] -> (b, width)."""
+        return self.look(image)[1]
+
+    def look(self, image: Tensor) -> tuple[Tensor, Tensor]:
+        """The last feature maps (b, maps, side, side) of images (b, 3, size, size), and their features (b, width)."""
         with torch.autocast("cpu", torch.bfloat16, enabled=HALF and self.training):
             maps: Tensor = self.features(2 * image - 1)
             features: Tensor = self.dense(maps.flatten(1))
-        return features.float()
+        return maps.float(), features.float()
 
 
 class ImageEncoder(ImageTrunk):

@@ -13,6 +13,7 @@ from model.metrics import nearest
 from service.images import preprocess
 
 Floats = npt.NDArray[np.float32]
+Bytes = npt.NDArray[np.uint8]
 
 COARSE: Final = 1_000  # points per cloud when the oracle looks at all training objects
 SHORTLIST: Final = 20  # of them are then compared by all their points
@@ -61,15 +62,26 @@ class Retrieval:
     """The training object whose image, of any of its views, has the features most like the photo's."""
 
     def __init__(self, data: Path, training: Training) -> None:
+        self._data = data
         self._features = Features()
         self._bank = training_bank(data, training.entries, self._features)
         self._training = training
 
     def __call__(self, photo: bytes, n: int) -> Floats:
         """An image file's bytes, framed as the service frames them -> n of the found object's points (n, 3)."""
-        feature = self._features(preprocess(photo, FRAMING).tensor)[0]
-        points: Floats = self._training.points[self._bank.nearest(feature), :n]
+        points: Floats = self._training.points[self._find(photo), :n]
         return points
+
+    def surface(self, photo: bytes) -> tuple[Floats, Bytes]:
+        """All of the found object's points (10000, 3), and their colours (10000, 3) uint8."""
+        found = self._find(photo)
+        with np.load(self._data / self._training.entries[found].file) as arrays:
+            colours: Bytes = arrays["colours"]
+        points: Floats = self._training.points[found]
+        return points, colours
+
+    def _find(self, photo: bytes) -> int:
+        return self._bank.nearest(self._features(preprocess(photo, FRAMING).tensor)[0])
 
 
 def _summed(a: Floats, b: Floats) -> float:

@@ -8,6 +8,7 @@ from typing import Final
 from model import tables
 from model.asked import asked_table, checks
 from model.classes import class_of
+from model.color_figures import color_record, color_section
 from model.comparison import COUNTS, ORACLE, RETRIEVAL, encoder_record, references
 from model.data.manifest import Split
 from model.evaluate import POINTS, VIEWS, Evaluation, cases
@@ -70,9 +71,13 @@ def report(model: Path, data: Path, split: Split, root: Path, seed: int = 0) -> 
     first_objects(encoder, objects).save(folder / f"{encoder.name}.png", optimize=True)
     everyday_objects(encoder, objects).save(folder / f"{encoder.name}-everyday.png", optimize=True)
     others = read_others(folder, ours)
+    color = color_record(encoder, data, split, seed) if encoder.color_spec else None
+    if color:
+        color.write(folder / "color" / f"{encoder.name}.json")
     classes = [class_of(case.entry) for case in objects]
     asked = asked_table(checks(_evaluations(ours, others), ours.method, classes, shipped.bytes_, shipped.ms))
-    (root / "RESULTS.md").write_text(markdown(ours, others, shipped, classes, asked), encoding="utf-8")
+    more = [color_section(color)] if color else []
+    (root / "RESULTS.md").write_text(markdown(ours, others, shipped, classes, asked, more), encoding="utf-8")
     return asked
 
 
@@ -94,8 +99,16 @@ def read_others(folder: Path, ours: Record) -> list[Record]:
     return found
 
 
-def markdown(ours: Record, others: Sequence[Record], shipped: Shipped, classes: Sequence[str], asked: str) -> str:
-    """The whole page; `classes` of the objects in order, `asked` the table of asked figures."""
+def markdown(
+    ours: Record,
+    others: Sequence[Record],
+    shipped: Shipped,
+    classes: Sequence[str],
+    asked: str,
+    more: Sequence[str] = (),
+) -> str:
+    """The whole page; `classes` of the objects in order, `asked` the table of asked figures, `more` sections of
+    what not every model has."""
     evaluations = _evaluations(ours, others)
     decoders = {record.method: record.decoder for record in (ours, *others) if record.decoder}
     return "\n\n".join(
@@ -106,6 +119,7 @@ def markdown(ours: Record, others: Sequence[Record], shipped: Shipped, classes: 
             _classes(evaluations, classes, [ours.method, RETRIEVAL, ORACLE]),
             f"## Points\n\n{tables.by_count(evaluations, ours.method)}",
             _conditions(evaluations, [ours.method, RETRIEVAL]),
+            *more,
             _trained(others),
             f"## The paper's own figures\n\nAnother data set (ShapeNet) and scale: not to be compared.\n\n{PAPER}",
             _pictures(ours, shipped),

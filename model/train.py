@@ -160,7 +160,7 @@ def _sizes(config: TrainConfig, progress: float) -> TrainConfig:
 
 def _step(state: _State, batch: Batch, progress: float, threads: ThreadPoolExecutor) -> float:
     for group in state.optimizer.param_groups:
-        group["lr"] = state.config.learning_rate * _schedule(progress)
+        group["lr"] = state.config.learning_rate * schedule(progress)
     state.network.train()
     predicted = state.network(batch.images.contiguous(memory_format=torch.channels_last), batch.canonical)
     if progress < state.config.late_from:
@@ -178,7 +178,7 @@ def _step(state: _State, batch: Batch, progress: float, threads: ThreadPoolExecu
     return float(loss.detach())
 
 
-def _schedule(progress: float) -> float:
+def schedule(progress: float) -> float:
     """Share of the learning rate at `progress` in [0, 1]: linear warm-up, then a cosine to 0."""
     if progress < WARMUP:
         return max(progress / WARMUP, 1e-3)

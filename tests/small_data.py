@@ -23,7 +23,7 @@ def write(folder: Path, train: int = 6, test: int = 4) -> Path:
         name = f"object{number:02d}"
         entry = Entry(name, NAMES[number % len(NAMES)], "s", "Living room", "", "CC0", "", f"objects/{name}.npz", split)
         points = box(number)
-        np.savez(folder / entry.file, views=views(points, VIEWS), points=points)
+        np.savez(folder / entry.file, views=views(points, VIEWS), points=points, colours=colours(points))
         if split == "test":
             np.savez(folder / VARIANTS / f"{name}__0.npz", views=views(points, 12, 7.0), points=points)
         entries.append(entry)
@@ -40,6 +40,12 @@ def box(number: int, n: int = 10_000) -> npt.NDArray[np.float32]:
     points[np.arange(n), axis] = np.sign(points[np.arange(n), axis]) / 2
     scaled: npt.NDArray[np.float32] = (points * sides / sides.max()).astype(np.float32)
     return scaled
+
+
+def colours(points: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
+    """(n, 3) uint8: red grows to the right, green upwards, blue to the front."""
+    found: npt.NDArray[np.uint8] = np.rint(255 * (points + 0.5)).astype(np.uint8)
+    return found
 
 
 def views(points: npt.NDArray[np.float32], count: int, azimuth: float = 0.0) -> npt.NDArray[np.uint8]:

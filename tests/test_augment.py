@@ -5,7 +5,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from model.data.augment import PHOTOGRAPHS, PLAIN_SHARE, SHADOW_SHARE, augment
+from model.data.augment import PHOTOGRAPHS, PLAIN_SHARE, SHADOW_SHARE, WHITE_LIGHT, augment
 
 IMAGES = 400
 
@@ -75,3 +75,10 @@ def test_zoom_and_shift_vary_and_little_is_cut_off(images: Tensor) -> None:
 
 def test_the_demos_photograph_is_not_trained_on() -> None:
     assert "coffee.png" not in PHOTOGRAPHS
+
+
+def test_in_white_light_the_object_keeps_its_colour() -> None:
+    middle = augment(square((200, 100, 40)), np.random.default_rng(0), WHITE_LIGHT)[:, :, 8, 8]
+    assert (255 * middle.mean(dim=0)).tolist() == pytest.approx([200, 100, 40], abs=8)
+    assert (middle[:, 0] > middle[:, 1] + 0.2).all()
+    assert (middle[:, 1] > middle[:, 2] + 0.08).all()

@@ -76,13 +76,20 @@ def test_surface_sampling_follows_area() -> None:
     assert (points[:, 0] > 2).mean() == pytest.approx(0.2, abs=0.01)
 
 
-def test_a_texture_colours_the_points(tmp_path: Path) -> None:
-    texture = Image.new("RGB", (2, 2), (0, 0, 255))
-    texture.paste((255, 0, 0), (0, 0, 1, 2))  # the left half is red
+def test_a_texture_colours_the_points_as_it_does_the_views(tmp_path: Path) -> None:
+    texture = Image.new("RGB", (64, 64), (0, 0, 255))
+    texture.paste((255, 0, 0), (0, 0, 32, 64))  # the left half is red,
+    texture.paste((0, 255, 0), (0, 0, 64, 16))  # the upper quarter green
     quad = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]], process=False)
     quad.visual = trimesh.visual.TextureVisuals(uv=[[0, 0], [1, 0], [1, 1], [0, 1]], image=texture)
-    points, colours = sample_surface([quad], 500, np.random.default_rng(0))
-    assert ((colours[:, 0] > 128) == (points[:, 0] < 0.5)).all()
+    quad.export(tmp_path / "quad.obj")
+    rendered = render(MeshRecord("t/quad", tmp_path / "quad.obj", "t", "quad", "c", "x", "CC0"), seed=0)
+    x, y, _ = rendered.points.T
+    wanted = np.where(y > 0.25, 1, np.where(x < 0, 0, 2))
+    inside = (np.abs(y - 0.25) > 0.02) & (np.abs(x) > 0.02)
+    assert (rendered.colours.argmax(axis=1) == wanted)[inside].all()
+    front = rendered.views[0][..., :3].argmax(axis=2)
+    assert [front[14, 64], front[100, 30], front[100, 98]] == [1, 0, 2]
 
 
 def test_camera_axes_are_a_right_handed_frame() -> None:

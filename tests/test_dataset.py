@@ -80,6 +80,20 @@ def test_an_image_and_its_points_are_of_one_object_and_mirrored_together(example
     assert 20 < mirrored < 80
 
 
+def test_points_keep_their_colours_mirrored_too(examples: Examples) -> None:
+    assert draw_batch(examples, CONFIG, 0).colours is None  # variants have none
+    shapes = [own.points[:, 1:] * 255 for own, _ in examples.shapes]
+    colours = [
+        np.pad(found, ((0, 0), (1, 0)), constant_values=number).astype(np.uint8) for number, found in enumerate(shapes)
+    ]
+    coloured = [[replace(own, colours=found)] for (own, _), found in zip(examples.shapes, colours, strict=True)]
+    batch = draw_batch(Examples(examples.entries, coloured), replace(CONFIG, batch=20), 0)
+    assert batch.colours is not None
+    assert (batch.colours[..., 0] + 1 == batch.points[..., 0].abs()).all()
+    assert (batch.colours[..., 1:] == (batch.points[..., 1:] * 255).byte()).all()
+    assert (batch.points[:, 0, 0] < 0).any()
+
+
 def test_plain_images_are_the_crops_over_white() -> None:
     image = plain_images(crops(1, 255))
     assert image.shape == (1, 3, 16, 16)

@@ -21,6 +21,7 @@ ALLOWED = {
     "model": {
         "model",
         "service.canonical",
+        "service.color",
         "service.encoder",
         "service.errors",
         "service.formats",

@@ -33,6 +33,7 @@ def test_the_page_holds_every_table(root: Path) -> None:
     for head in ("Asked and measured", "Comparison", "Classes", "Points", "Harder images", "not shipped", "Pictures"):
         assert head in page
     assert "| rival |" in page
+    assert "## Colour" not in page
     assert page.count("| tiny-k2 |") >= 6  # once compared, five conditions
     assert "test split, 2 objects" in page
 
@@ -51,6 +52,18 @@ def test_pictures_show_the_objects(root: Path) -> None:
             for column in range(6):
                 cell = sheet.crop((column * 160, 16, (column + 1) * 160, 176))
                 assert len(cell.getcolors(100_000) or []) > 1, (name, column)
+
+
+def test_a_model_in_colour_has_a_section_and_raw_metrics_of_it(data: Path, colored_path: Path, tmp_path: Path) -> None:
+    assert cli.main(["results", "--model", str(colored_path), "--data", str(data), "-o", str(tmp_path)]) == 0
+    section = (tmp_path / "RESULTS.md").read_text().partition("## Colour\n")[2].partition("\n## ")[0]
+    methods = ["tiny-k2", "mean colour of the object's pixels", "grey", "image retrieval", "true colours at the"]
+    assert [section.index(f"| {method}") for method in methods] == sorted(section.index(f"| {m}") for m in methods)
+    record = Record.read(tmp_path / "model/results/color/tiny-k2.json")
+    errors = {found.method: found.column("color_forward") for found in record.evaluations}
+    assert (errors["true colours at the predicted points"] == 0).all()
+    assert (errors["tiny-k2"] > 1).all()
+    assert (errors["grey"] < 128).all()
 
 
 def test_a_record_of_other_objects_is_refused(

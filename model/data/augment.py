@@ -1,6 +1,7 @@
 """What a photo does to a rendered view: framing, light, background, shadow, blur, noise. Cheap enough per step."""
 
 import functools
+from dataclasses import dataclass
 from importlib.resources import files
 from typing import Final
 
@@ -18,7 +19,6 @@ CUT_SHARE: Final = 0.04
 CUT_ZOOM: Final = 1.3  # times: the object then sticks out of the frame
 SHIFT: Final = 0.06  # of the half frame, either way
 SHADOW_SHARE: Final = 0.4
-GREY_SHARE: Final = 0.1
 NOISE: Final = 0.03  # largest standard deviation
 PHOTOGRAPHS: Final = (
     "astronaut.png",
@@ -42,19 +42,35 @@ TEXTURES: Final = 32
 TEXTURE_CONTRAST: Final = (0.03, 0.2)  # standard deviation
 
 
-def augment(crops: Tensor, rng: np.random.Generator) -> Tensor:
+@dataclass(frozen=True)
+class Light:
+    """How far an image's colours may be from the view's: ranges of factors on the object's brightness, on each
+    of its channels and on the image's saturation, the share of grey images, and the strength of the tone curve."""
+
+    brightness: tuple[float, float]
+    tint: tuple[float, float]
+    saturation: tuple[float, float]
+    grey_share: float
+    curve: float
+
+
+ANY_LIGHT: Final = Light((0.6, 1.4), (0.85, 1.15), (0.4, 1.4), 0.1, 0.8)  # geometry is the same in all of them
+WHITE_LIGHT: Final = Light((0.9, 1.1), (0.97, 1.03), (0.9, 1.1), 0.0, 0.15)  # which leaves colours to be told
+
+
+def augment(crops: Tensor, rng: np.random.Generator, light: Light = ANY_LIGHT) -> Tensor:
     """Views as if photographed: (b, 4, S, S) uint8 RGBA -> (b, 3, S / OVERSIZE, S / OVERSIZE) in [0, 1]."""
     b = len(crops)
     plain = torch.from_numpy(rng.random(b) < PLAIN_SHARE).view(b, 1, 1, 1)
     moved = _blurred(_framed(crops, plain, rng), rng)
     rgb, alpha = moved[:, :3], moved[:, 3:]
-    light = _uniform(rng, 0.6, 1.4, (b, 1, 1, 1)) * _uniform(rng, 0.85, 1.15, (b, 3, 1, 1))
-    lit = torch.minimum(rgb * light, alpha)
+    strength = _uniform(rng, *light.brightness, (b, 1, 1, 1)) * _uniform(rng, *light.tint, (b, 3, 1, 1))
+    lit = torch.minimum(rgb * strength, alpha)
     ground = torch.ones_like(lit)
     busy = ~plain.flatten()
     ground[busy] = _backgrounds(int(busy.sum()), lit.shape[-1], rng)
     ground *= _shadows(alpha, rng)
-    image = _toned(lit + (1 - alpha) * ground, rng)
+    image = _toned(lit + (1 - alpha) * ground, light, rng)
     noise = _noise(b, lit.shape[-1], rng) * _uniform(rng, 0, NOISE, (b, 1, 1, 1))
     return (image + noise * torch.where(plain, alpha, 1.0)).clamp_(0, 1)
 
@@ -88,13 +104,13 @@ def _blurred(image: Tensor, rng: np.random.Generator) -> Tensor:
     return image
 
 
-def _toned(image: Tensor, rng: np.random.Generator) -> Tensor:
-    """Saturation (none in GREY_SHARE of the images) and a tone curve; white stays white, black black."""
+def _toned(image: Tensor, light: Light, rng: np.random.Generator) -> Tensor:
+    """Saturation (none in the share of grey images) and a tone curve; white stays white, black black."""
     b = len(image)
-    saturation = _uniform(rng, 0.4, 1.4, (b, 1, 1, 1))
-    saturation[torch.from_numpy(rng.random(b) < GREY_SHARE)] = 0
+    saturation = _uniform(rng, *light.saturation, (b, 1, 1, 1))
+    saturation[torch.from_numpy(rng.random(b) < light.grey_share)] = 0
     toned = torch.lerp(image.mean(dim=1, keepdim=True), image, saturation).clamp_(0, 1)
-    curve = _uniform(rng, -0.8, 0.8, (b, 1, 1, 1))  # close to gammas of 2 to 0.6
+    curve = _uniform(rng, -light.curve, light.curve, (b, 1, 1, 1))  # at 0.8 close to gammas of 2 to 0.6
     return toned + curve * toned * (1 - toned)
 
 

@@ -14,7 +14,7 @@ from PIL import Image
 from torch import Tensor
 
 from model.config import TrainConfig
-from model.data.augment import OVERSIZE, augment
+from model.data.augment import ANY_LIGHT, OVERSIZE, Light, augment
 from model.data.manifest import Entry, Manifest, Split, variant_files
 from service.canonical import canonical_points
 from service.images import Framing, frame
@@ -32,10 +32,12 @@ class Shape:
 
     crops : (views, S, S, 4) uint8 RGBA, framed by the service's code, S = OVERSIZE * size.
     points : (10000, 3) float32, object frame.
+    colours : (10000, 3) uint8, sRGB of each point as its material has it; None for variants.
     """
 
     crops: Bytes
     points: Floats
+    colours: Bytes | None = None
 
 
 @dataclass(frozen=True)
@@ -83,19 +85,21 @@ def _load_shape(path: Path, framing: Framing) -> Shape:
     with np.load(path) as arrays:
         shown = [view for view in arrays["views"] if (view[..., 3] > 0).mean() > VISIBLE]
         crops = np.stack([np.asarray(frame(Image.fromarray(view), framing)[0]) for view in shown])
-        return Shape(crops, arrays["points"])
+        return Shape(crops, arrays["points"], arrays.get("colours"))
 
 
 @dataclass(frozen=True)
 class Batch:
-    """images (b, 3, size, size) in [0, 1]; canonical (b, n, d); true points (b, m, 3)."""
+    """images (b, 3, size, size) in [0, 1]; canonical (b, n, d); true points (b, m, 3), and their colours
+    (b, m, 3) uint8 where every shape has them."""
 
     images: Tensor
     canonical: Tensor
     points: Tensor
+    colours: Tensor | None
 
 
-def draw_batch(examples: Examples, config: TrainConfig, step: int) -> Batch:
+def draw_batch(examples: Examples, config: TrainConfig, step: int, light: Light = ANY_LIGHT) -> Batch:
     """The batch of a step: a function of (seed, step) alone, so that a resumed run sees the same data.
 
     Each object comes as one of all its views, those of its variants included, and half of them mirrored:
@@ -103,16 +107,20 @@ def draw_batch(examples: Examples, config: TrainConfig, step: int) -> Batch:
     """
     rng = np.random.default_rng([config.seed, step])
     mirrored = rng.random(config.batch) < 0.5
-    crops, points = [], []
+    crops, points, colours = [], [], []
     for number, turned in zip(_epoch_slice(len(examples.entries), config, step), mirrored, strict=True):
         shape, view = _any_view(examples.shapes[number], rng)
-        chosen = shape.points[rng.integers(len(shape.points), size=config.target_points)]
+        drawn = rng.integers(len(shape.points), size=config.target_points)
+        chosen = shape.points[drawn]
         crops.append(shape.crops[view])
         points.append(chosen * MIRROR if turned else chosen)
-    images = augment(torch.from_numpy(np.stack(crops)).permute(0, 3, 1, 2), rng)
+        if shape.colours is not None:
+            colours.append(shape.colours[drawn])
+    images = augment(torch.from_numpy(np.stack(crops)).permute(0, 3, 1, 2), rng, light)
     images[mirrored] = images[mirrored].flip(3)  # augmentation knows no left and right: last is cheapest
     canonical = torch.from_numpy(uniform_points(config, rng))
-    return Batch(images, canonical, torch.from_numpy(np.stack(points)))
+    coloured = torch.from_numpy(np.stack(colours)) if len(colours) == config.batch else None
+    return Batch(images, canonical, torch.from_numpy(np.stack(points)), coloured)
 
 
 def _any_view(shapes: list[Shape], rng: np.random.Generator) -> tuple[Shape, int]:

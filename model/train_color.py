@@ -1,0 +1,107 @@
+"""`hof-model color`: the colour head of a trained run. The encoder's weights stay as they are.
+
+Drawing a batch and looking at it costs several times what a step of the head does, so that each image is
+learnt from several times, among the last KEPT ones.
+"""
+
+import time
+from collections import deque
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import torch
+from torch import Tensor
+from tqdm import tqdm
+
+from model.checkpoints import chosen_checkpoint, load_encoder
+from model.color import ColorHead, color_spec, look, save
+from model.data.augment import WHITE_LIGHT
+from model.data.dataset import Batch, draw_batch, load_examples
+from model.losses import gather, nearest
+from model.memory import keep_freed_memory
+from model.networks import ImageEncoder, power
+from model.provenance import provenance
+from model.train import schedule
+from service.mapping import MappingSpec
+
+POINTS: Final = 256  # canonical, of each image
+TARGET_POINTS: Final = 4_000  # true ones, among which each of them finds the nearest
+KEPT: Final = 400  # batches, of 17 kB an image
+STEPS: Final = 6  # of the head, on each batch that is drawn
+LEARNING_RATE: Final = 1e-3
+WEIGHT_DECAY: Final = 1e-2
+SMOOTHING: Final = 0.01  # share of a step's loss in the shown one
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A batch as the head sees it: inputs (b, i), canonical points (b, n, d), and their colours (b, n, 3) uint8."""
+
+    inputs: Tensor
+    canonical: Tensor
+    colours: Tensor
+
+
+def train_color(data: Path, run: Path, minutes: float, seed: int = 0) -> Path:
+    """Train a colour head for the run's chosen checkpoint, write `run/color.pt` and return its path.
+
+    Raises
+    ------
+    FileNotFoundError : no data set, or no checkpoint.
+    ValueError : the run is not of HOF, or the data set has no colours.
+    """
+    encoder, config, _ = load_encoder(chosen_checkpoint(run))
+    config = replace(config, seed=seed, points=POINTS, target_points=TARGET_POINTS)
+    keep_freed_memory()
+    torch.manual_seed(seed)
+    examples, side = load_examples(data, "train", config.framing), config.framing.size
+    learner = _Learner(ColorHead(color_spec(config.spec), look(encoder, torch.zeros(1, 3, side, side))[1].shape[1]))
+    rng, kept, draws, elapsed_s, budget_s = np.random.default_rng(seed), deque[Seen](maxlen=KEPT), 0, 0.0, 60 * minutes
+    with ThreadPoolExecutor(1) as threads, tqdm(total=round(budget_s), unit="s", desc="color") as bar:
+        started = time.monotonic()
+        while elapsed_s < budget_s:
+            kept.append(see(encoder, config.spec, draw_batch(examples, config, draws, WHITE_LIGHT), threads))
+            draws += 1
+            for batch in [kept[-1], *(kept[index] for index in rng.integers(len(kept), size=STEPS - 1))]:
+                learner.step(batch, min(1.0, elapsed_s / budget_s))
+            elapsed_s = time.monotonic() - started
+            bar.update(min(round(elapsed_s), bar.total) - bar.n)
+            bar.set_postfix({"loss": f"{learner.loss:.4f}", "images": draws * config.batch}, refresh=False)
+    training = {"images": draws * config.batch, "minutes": round(elapsed_s / 60, 1), **provenance(seed)}
+    return save(learner.head, encoder, training, run)
+
+
+@torch.no_grad()
+def see(encoder: ImageEncoder, spec: MappingSpec, batch: Batch, threads: ThreadPoolExecutor) -> Seen:
+    """Look at a batch's images; a canonical point's colour is that of the true point nearest to where it goes."""
+    if batch.colours is None:
+        raise ValueError("the data set has no colours of its points: build it again with `hof-model data build`")
+    theta, inputs = look(encoder, batch.images.contiguous(memory_format=torch.channels_last))
+    points = power(spec, theta, batch.canonical)
+    return Seen(inputs, batch.canonical, gather(batch.colours, nearest(points, batch.points, threads)))
+
+
+class _Learner:
+    """The head, its optimiser, and the smoothed loss: mean absolute error of a channel in [0, 1]."""
+
+    def __init__(self, head: ColorHead) -> None:
+        self.head = head.train()
+        self.loss = 0.0
+        self._optimizer = torch.optim.AdamW(head.parameters(), lr=LEARNING_RATE, weight_decay=WEIGHT_DECAY, fused=True)
+        self._steps = 0
+
+    def step(self, seen: Seen, progress: float) -> None:
+        """One step; where training is `progress` in [0, 1] through its budget."""
+        for group in self._optimizer.param_groups:
+            group["lr"] = LEARNING_RATE * schedule(progress)
+        predicted = power(self.head.spec, self.head(seen.inputs), seen.canonical)
+        loss = (predicted - seen.colours / 255).abs().mean()  # not clipped: beyond [0, 1] it still has a slope
+        self._optimizer.zero_grad(set_to_none=True)
+        loss.backward()  # type: ignore[no-untyped-call]
+        self._optimizer.step()
+        share = max(SMOOTHING, 1 / (self._steps + 1))
+        self.loss += share * (float(loss.detach()) - self.loss)
+        self._steps += 1
