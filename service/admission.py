@@ -42,7 +42,8 @@ class Gate:
         """Hold so much work, 1 or more, until the block ends. Raises Overloaded."""
         if self.held and self.held + amount > self._limit:
             self.refused += 1
-            raise Overloaded(f"the service works on its limit of {self._limit} {self._unit}", self._retry_after_s())
+            detail = f"the service works on its limit of {self._limit} {self._unit}"
+            raise Overloaded(detail, retry_after_s=self._retry_after_s())
         if not self.held:
             self._last_left = time.monotonic()
         self.held += amount

@@ -139,8 +139,8 @@ class Overloaded(HofError):
     status = 429
     title = "Overloaded"
 
-    def __init__(self, detail: str, retry_after_s: int) -> None:
-        super().__init__(detail)
+    def __init__(self, detail: str, *, field: str | None = None, retry_after_s: int = 1) -> None:
+        super().__init__(detail, field=field)
         self.retry_after_s = retry_after_s
 
 
