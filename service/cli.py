@@ -8,7 +8,7 @@ import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, Final, get_args
+from typing import Any, Final, get_args, get_origin
 
 import numpy as np
 from pydantic import BaseModel, ValidationError
@@ -22,6 +22,7 @@ from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
 from service.images import Background, preprocess
 from service.mapping import Array, MappingSpec
 from service.matting import Matting
+from service.models import Models
 from service.points import check_size
 from service.queries import EncodeQuery, PointsQuery
 from service.settings import POINTS_CEILING, Settings
@@ -97,6 +98,7 @@ def _add_settings(parser: argparse.ArgumentParser, only: set[str] | None = None)
             parser.add_argument(
                 f"--{name.replace('_', '-')}",
                 dest=name,
+                action="append" if get_origin(field.annotation) is tuple else "store",
                 default=argparse.SUPPRESS,
                 metavar=name.rsplit("_", 1)[-1].upper(),
                 help=f"{field.description}{default} [HOF_{name.upper()}]".replace("%", "%%"),
@@ -132,7 +134,7 @@ def _serve(arguments: argparse.Namespace) -> None:
 
     settings = _settings(arguments)
     # What the server could not start with ends here in one line, not in its traceback.
-    Encoder.open(settings.model, settings.threads)
+    Models.open(settings.model, settings.threads)
     Matting.of(settings.matting_model, settings.threads)
     asyncio.run(_check_store(settings.database_url))
     app = create_app(settings)
@@ -151,7 +153,7 @@ def _encode(arguments: argparse.Namespace) -> None:
     as_weights = arguments.output.suffix == WEIGHT_FORMATS["safetensors"].extension
     if not as_weights:
         _points_query(arguments)  # refuses before the work is done
-    encoder = Encoder.open(settings.model, settings.threads)
+    encoder = Encoder.open(settings.model[0], settings.threads)
     framing = encoder.framing
     if query.foreground_ratio is not None:
         framing = replace(framing, foreground_ratio=query.foreground_ratio)

@@ -9,9 +9,9 @@ from typing import Annotated, ParamSpec, TypeVar
 from fastapi import Depends
 from starlette.requests import Request
 
-from service.encoder import Encoder
 from service.errors import NotReady
 from service.matting import Matting
+from service.models import Models
 from service.settings import Settings
 from service.store import Store
 
@@ -24,7 +24,7 @@ class Runtime:
     """The opened parts of a running service; `matting` is None where no such model is set."""
 
     settings: Settings
-    encoder: Encoder
+    models: Models
     matting: Matting | None
     store: Store
     executor: Executor

@@ -6,15 +6,15 @@ Defaults, limits and help live here and nowhere else; `service.cli` makes the fl
 import math
 import os
 from pathlib import Path
-from typing import Final, Literal
+from typing import Annotated, Final, Literal
 
 import platformdirs
-from pydantic import Field
-from pydantic_settings import BaseSettings, SettingsConfigDict
+from pydantic import BeforeValidator, Field
+from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
 
 from service.images import DEFAULT_MAX_PIXELS
 
-SHIPPED_MODEL: Final = Path(__file__).resolve().parent.parent / "model" / "weights" / "hof1-k2.onnx"
+SHIPPED_MODEL: Final = Path(__file__).resolve().parent.parent / "model" / "weights" / "hof1-k2.onnx"  # the default
 POINTS_CEILING: Final = 10_000_000  # the API's promise; `max_points` may only lower it
 MIB: Final = 2**20
 
@@ -29,6 +29,12 @@ def available_cpus() -> int:
         return count
 
 
+def shipped_models() -> tuple[Path, ...]:
+    """The ONNX files beside SHIPPED_MODEL, that one first, the others by name."""
+    others = sorted(path for path in SHIPPED_MODEL.parent.glob("*.onnx") if path != SHIPPED_MODEL)
+    return (SHIPPED_MODEL, *others)
+
+
 def default_database_url() -> str:
     """SQLite in the platform's data folder of this user."""
     return f"sqlite:///{platformdirs.user_data_path('hof') / 'hof.db'}"
@@ -38,6 +44,14 @@ def default_matting_model() -> Path | None:
     """u2netp.onnx in the folder that rembg's variable U2NET_HOME names; None where it is not set."""
     home = os.environ.get("U2NET_HOME")
     return Path(home) / "u2netp.onnx" if home else None
+
+
+def _parts(value: object) -> object:
+    """A variable's text, cut at commas."""
+    return [part.strip() for part in value.split(",") if part.strip()] if isinstance(value, str) else value
+
+
+Paths = Annotated[tuple[Path, ...], NoDecode, BeforeValidator(_parts)]
 
 
 class Settings(BaseSettings):
@@ -51,7 +65,12 @@ class Settings(BaseSettings):
         default_factory=default_database_url,
         description="where objects are kept: sqlite:///PATH or postgresql://...; default: the user's data folder",
     )
-    model: Path = Field(default=SHIPPED_MODEL, description="the image encoder, an ONNX file of hof-model export")
+    model: Paths = Field(
+        default_factory=shipped_models,
+        min_length=1,
+        description="image encoders, ONNX files of hof-model export, the first for calls that name none; the flag may "
+        "be repeated, the variable takes commas; default: `hof1-k2.onnx` and all others in `model/weights`",
+    )
     matting_model: Path | None = Field(
         default_factory=default_matting_model,
         description="U2-Net, an ONNX file that tells objects from any background; default: u2netp.onnx in "

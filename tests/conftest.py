@@ -39,7 +39,7 @@ def u2net_home() -> Path:
 @pytest.fixture
 def settings(model_path: Path, tmp_path: Path) -> Settings:
     return Settings(
-        model=model_path,
+        model=(model_path,),
         database_url=f"sqlite:///{tmp_path / 'store' / 'hof.db'}",
         threads=2,
         max_image_bytes=200_000,

@@ -6,6 +6,7 @@ from pathlib import Path
 import httpx
 import numpy as np
 import pytest
+import tiny_model
 import uvicorn
 from conftest import disc, image_file
 
@@ -150,6 +151,7 @@ def test_openapi_prints_the_committed_schema(capsys: pytest.CaptureFixture[str])
         ("info photo.png", "hof: photo.png: "),
         ("serve --port 70000", "port: "),
         ("serve --model nothere.onnx", "nothere.onnx"),
+        ("serve --model tiny.onnx --model tiny.onnx", "tiny.onnx and tiny.onnx are both named tiny-k2: load one"),
         ("serve --matting-model nothere.onnx", "cannot read the matting model nothere.onnx: No such file"),
         ("encode photo.png -o out.ply --matting-model photo.png", "the matting model photo.png is unusable"),
         ("serve --database-url nonsense", "the database URL is none"),
@@ -163,6 +165,7 @@ def test_errors_are_one_line_and_leave_no_file(
     here: Path, capsys: pytest.CaptureFixture[str], command: str, message: str
 ) -> None:
     (here / "text.png").write_text("no image")
+    tiny_model.build(here / "tiny.onnx")
     (here / "cut.png").write_bytes((here / "photo.png").read_bytes()[:100])
     before = sorted(here.iterdir())
     assert main(command.split()) == 2
@@ -196,7 +199,7 @@ def test_every_setting_is_a_flag_of_serve(
         "host": "::1",
         "port": 1,
         "database_url": f"sqlite:///{tmp_path / 'x.db'}",
-        "model": model_path,
+        "model": (model_path, tiny_model.build(tmp_path / "b.onnx", meta=tiny_model.metadata(name="b"))),
         "matting_model": u2net_home / "u2netp.onnx",
         "max_image_bytes": 2,
         "max_image_pixels": 3,
@@ -209,7 +212,8 @@ def test_every_setting_is_a_flag_of_serve(
     seen: list[Settings] = []
     monkeypatch.setattr("service.app.create_app", seen.append)
     monkeypatch.setattr(uvicorn, "run", lambda *_, **__: None)
-    flags = [part for name, value in values.items() for part in (f"--{name.replace('_', '-')}", str(value))]
+    given = [(name, one) for name, value in values.items() for one in (value if isinstance(value, tuple) else [value])]
+    flags = [part for name, value in given for part in (f"--{name.replace('_', '-')}", str(value))]
     assert main(["serve", *flags]) == 0
     assert seen[0].model_dump() == values
 

@@ -52,6 +52,7 @@ ALLOWED = {
         "service.points",
         "service.store",
     },
+    "service.models": {"service.encoder", "service.errors"},
     "service.settings": {"service.images"},
     "demo": {"service.picture"},
 }

@@ -21,10 +21,14 @@ CARD = {
 }
 
 
-def metadata(spec: MappingSpec = SPEC) -> dict[str, str]:
+def metadata(spec: MappingSpec = SPEC, name: str = "tiny-k2") -> dict[str, str]:
     """What `hof-model export` writes beside the graph."""
     framing = {"size": SIZE, "foreground_ratio": 0.85}
-    return {"hof.spec": spec.to_json(), "hof.framing": json.dumps(framing), "hof.card": json.dumps(CARD)}
+    return {
+        "hof.spec": spec.to_json(),
+        "hof.framing": json.dumps(framing),
+        "hof.card": json.dumps(CARD | {"name": name}),
+    }
 
 
 def parameters(spec: MappingSpec = SPEC) -> tuple[Array, Array]:

@@ -8,7 +8,7 @@ from fastapi import APIRouter, Query
 from starlette.requests import Request
 from starlette.responses import Response
 
-from service.errors import InvalidParameter
+from service.encoder import Encoder
 from service.ids import encoded_id
 from service.images import Framed, Framing, preprocess
 from service.mapping import Array
@@ -70,26 +70,26 @@ async def encode(
     The id is a digest of the image's bytes, how it was framed, and the models: a repeat answers 200 with
     the same object and costs no inference; mattes are remembered for the last photos.
     """
-    encoder, settings = runtime.encoder, runtime.settings
-    if query.model not in (None, encoder.name):
-        raise InvalidParameter(f"no such model is loaded; there is {encoder.name}", field="model")
+    encoder, settings = runtime.models.named(query.model), runtime.settings
     image = await read_image(request, settings.max_image_bytes)
     framing = encoder.framing
     if query.foreground_ratio is not None:
         framing = replace(framing, foreground_ratio=query.foreground_ratio)
     framed = await runtime.run(preprocess, image, framing, query.background, settings.max_image_pixels, runtime.matting)
     if not query.store:
-        return _weights(runtime, framed, await _infer(runtime, framed))
-    record, theta, created = await _put(runtime, image, framing, framed)
+        return _weights(encoder, framed, await _infer(runtime, encoder, framed))
+    record, theta, created = await _put(runtime, encoder, image, framing, framed)
     if created:
         response.status_code = 201
         response.headers["Location"] = f"/objects/{record.id}"
     return EncodedObject.of_image(record, framed, theta if query.include == "weights" else None)
 
 
-async def _put(runtime: Runtime, image: bytes, framing: Framing, framed: Framed) -> tuple[Record, Array, bool]:
+async def _put(
+    runtime: Runtime, encoder: Encoder, image: bytes, framing: Framing, framed: Framed
+) -> tuple[Record, Array, bool]:
     """The object of a framed image, its theta, and whether it is new."""
-    encoder, store = runtime.encoder, runtime.store
+    store = runtime.store
     models = [encoder.digest]
     if framed.mask == "matting" and runtime.matting:
         models.append(runtime.matting.digest)
@@ -97,20 +97,19 @@ async def _put(runtime: Runtime, image: bytes, framing: Framing, framed: Framed)
     known = await store.find(object_id)
     if known is not None:
         return *known, False
-    theta = await _infer(runtime, framed)
+    theta = await _infer(runtime, encoder, framed)
     record, created = await store.put(
         Record(object_id, "encoded", encoder.name, encoder.spec, datetime.now(UTC)), theta
     )
     return record, theta, created
 
 
-async def _infer(runtime: Runtime, framed: Framed) -> Array:
-    theta: Array = (await runtime.run(runtime.encoder.encode, framed.tensor))[0]
+async def _infer(runtime: Runtime, encoder: Encoder, framed: Framed) -> Array:
+    theta: Array = (await runtime.run(encoder.encode, framed.tensor))[0]
     return theta
 
 
-def _weights(runtime: Runtime, framed: Framed, theta: Array) -> EncodedWeights:
-    encoder = runtime.encoder
+def _weights(encoder: Encoder, framed: Framed, theta: Array) -> EncodedWeights:
     return EncodedWeights(
         model=encoder.name,
         spec=Spec.of(encoder.spec),

@@ -1,15 +1,14 @@
 """Probes, and what the service serves with."""
 
-from dataclasses import asdict
 from typing import Annotated
 
 from fastapi import APIRouter, Query
 from sqlalchemy.exc import SQLAlchemyError
 
 from service.errors import NotReady
-from service.queries import NoQuery
+from service.queries import ModelQuery, NoQuery
 from service.runtime import Ready
-from service.schemas import Health, Model, ModelFraming, Spec
+from service.schemas import Health, Model, ModelList
 
 router = APIRouter()
 
@@ -22,7 +21,7 @@ async def live(query: Annotated[NoQuery, Query()]) -> Health:
 
 @router.get("/health/ready", tags=["health"])
 async def ready(query: Annotated[NoQuery, Query()], runtime: Ready) -> Health:
-    """The encoder is loaded and warm, and the store answers."""
+    """The models are loaded and warm, and the store answers."""
     try:
         await runtime.store.ping()
     except (SQLAlchemyError, OSError) as error:
@@ -31,13 +30,12 @@ async def ready(query: Annotated[NoQuery, Query()], runtime: Ready) -> Health:
 
 
 @router.get("/model", tags=["model"])
-async def model(query: Annotated[NoQuery, Query()], runtime: Ready) -> Model:
-    """The loaded model: its card, the spec of its thetas, and how it frames images."""
-    encoder = runtime.encoder
-    return Model(
-        name=encoder.name,
-        digest=encoder.digest,
-        spec=Spec.of(encoder.spec),
-        framing=ModelFraming(**asdict(encoder.framing)),
-        card=encoder.card,
-    )
+async def model(query: Annotated[ModelQuery, Query()], runtime: Ready) -> Model:
+    """A loaded model: its card, the spec of its thetas, and how it frames images."""
+    return Model.of(runtime.models.named(query.model))
+
+
+@router.get("/models", tags=["model"])
+async def models(query: Annotated[NoQuery, Query()], runtime: Ready) -> ModelList:
+    """All loaded models, the default one first."""
+    return ModelList(models=[Model.of(encoder) for encoder in runtime.models])
