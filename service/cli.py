@@ -2,6 +2,7 @@
 
 import argparse
 import asyncio
+import io
 import json
 import os
 import sys
@@ -26,9 +27,11 @@ from service.models import Models
 from service.points import check_size
 from service.queries import EncodeQuery, PointsQuery
 from service.settings import POINTS_CEILING, Settings
+from service.sheet import MAX_POINTS, label, rows_of_words, sheet
 from service.store import Store
 
 FAILED: Final = 2
+PICTURE: Final = ".png"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -75,9 +78,9 @@ def _parser() -> argparse.ArgumentParser:
     _add_sampling(sample)
     sample.set_defaults(run=_sample)
 
-    compose = commands.add_parser("compose", help="several weights files to points", description=_compose.__doc__)
+    compose = commands.add_parser("compose", help="weights files to points or a picture", description=_compose.__doc__)
     compose.add_argument("weights", type=Path, nargs="+", help="k .safetensors files of one spec")
-    _add_output(compose, [fmt.extension for fmt in POINT_FORMATS.values()])
+    _add_output(compose, [*(fmt.extension for fmt in POINT_FORMATS.values()), PICTURE])
     _add_sampling(compose)
     compose.set_defaults(run=_compose)
 
@@ -175,12 +178,39 @@ def _sample(arguments: argparse.Namespace) -> None:
 
 
 def _compose(arguments: argparse.Namespace) -> None:
-    """Compose the functions of k weights files and write the points of A B: f_A(f_B(x)), the last one applied first."""
-    _points_query(arguments)
+    """Compose the functions of k weights files and write the points of A B: f_A(f_B(x)), the last one applied first.
+    As .png: a picture of the words over two files, A and B; all of k = 2, those from A to B of a larger k."""
+    as_picture = arguments.output.suffix == PICTURE
+    if not as_picture:
+        _points_query(arguments)
     word = [_load(path) for path in arguments.weights]
     kinds = ((weights.spec, bool(weights.word)) for weights in word)
-    check([Member(str(path), *kind) for path, kind in zip(arguments.weights, kinds, strict=True)], "compose")
-    _write_points(arguments, word[0].spec, np.stack([weights.theta for weights in word]))
+    members = [Member(str(path), *kind) for path, kind in zip(arguments.weights, kinds, strict=True)]
+    check(members, "all" if as_picture else "compose")
+    spec, thetas = word[0].spec, np.stack([weights.theta for weights in word])
+    if as_picture:
+        _write_sheet(arguments, spec, thetas)
+    else:
+        _write_points(arguments, spec, thetas)
+
+
+def _write_sheet(arguments: argparse.Namespace, spec: MappingSpec, thetas: Array) -> None:
+    """A picture of the words over A and B, thetas (2, spec.size)."""
+    query = PointsQuery(**_given(arguments, PointsQuery))
+    if query.n > MAX_POINTS:
+        raise InvalidParameter(f"n is {query.n}, a picture shows at most {MAX_POINTS} points of a word", field="n")
+    if query.scale != 1:
+        raise InvalidParameter("a picture has no scale", field="scale")
+
+    def points(word: str) -> Array:
+        part = query.cloud(spec.with_k(len(word)), thetas[["AB".index(letter) for letter in word]])
+        return np.concatenate(list(part.chunks()))
+
+    rows = [[(label(word, spec.k), points(word)) for word in row] for row in rows_of_words(spec.k)]
+    names = (f"{letter}: {path.stem}" for letter, path in zip("AB", arguments.weights, strict=True))
+    file = io.BytesIO()
+    sheet(rows, ", ".join(names)).save(file, "PNG", optimize=True)
+    _write(arguments.output, [file.getvalue()])
 
 
 def _info(arguments: argparse.Namespace) -> None:

@@ -147,6 +147,9 @@ def test_openapi_prints_the_committed_schema(capsys: pytest.CaptureFixture[str])
         ("sample photo.png -o out.ply", "hof: photo.png: "),
         ("compose photo.png photo.png -o out.ply", "hof: photo.png: "),
         ("compose photo.png -o out.stl", "no format has the suffix"),
+        ("compose a.safetensors -o out.png", "all words are those of two objects, not 1"),
+        ("compose a.safetensors a.safetensors -o out.png --n 100001", "a picture shows at most 100000 points"),
+        ("compose a.safetensors a.safetensors -o out.png --scale 2", "a picture has no scale"),
         ("sample photo.png -o out.safetensors", "no format has the suffix"),
         ("info photo.png", "hof: photo.png: "),
         ("serve --port 70000", "port: "),
@@ -166,6 +169,8 @@ def test_errors_are_one_line_and_leave_no_file(
 ) -> None:
     (here / "text.png").write_text("no image")
     tiny_model.build(here / "tiny.onnx")
+    weights = Weights(tiny_model.SPEC, initial_theta(tiny_model.SPEC), "m")
+    (here / "a.safetensors").write_bytes(dump(weights, "safetensors"))
     (here / "cut.png").write_bytes((here / "photo.png").read_bytes()[:100])
     before = sorted(here.iterdir())
     assert main(command.split()) == 2
