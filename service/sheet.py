@@ -1,4 +1,4 @@
-"""Words over two objects as one picture: the paper's tree for k = 2, its gradient for larger k (Object Interpolation)."""
+"""Words over two objects in a picture: for k = 2 the paper's tree, for larger k its gradient (Object Interpolation)."""
 
 from collections.abc import Sequence
 from typing import Final
