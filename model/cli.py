@@ -53,10 +53,21 @@ def _parser() -> argparse.ArgumentParser:
     stage.add_argument("methods", nargs="*", metavar="METHOD", help="of model/retrain.py; default: all")
     stage.add_argument("--steps", type=int, default=3_000, help="of each")
     stage.add_argument("-o", "--output", type=Path, default=ROOT / "model" / "results", help="folder of the records")
+    stage = stages.add_parser("mixtures", help="measure words of two objects against the mean of their thetas")
+    stage.set_defaults(run=_mixtures)
+    _add_common(stage)
+    stage.add_argument("--model", type=Path, default=SHIPPED, help="an exported encoder, k of 2 or more")
+    stage.add_argument("--split", choices=("train", "val", "test"), default="test")
+    stage.add_argument("-o", "--out", type=Path, default=ROOT, help="the folder that gets model/results")
     stage = stages.add_parser("results", help="evaluate the shipped weights, write RESULTS.md")
     stage.set_defaults(run=_results)
     _add_common(stage)
-    stage.add_argument("--model", type=Path, default=SHIPPED)
+    stage.add_argument(
+        "--model",
+        type=Path,
+        action="append",
+        help="the model of the page; again: others beside it; default: all shipped",
+    )
     stage.add_argument("--split", choices=("train", "val", "test"), default="test")
     stage.add_argument("-o", "--out", type=Path, default=ROOT, help="the folder that gets RESULTS.md, model/results")
     return parser
@@ -264,14 +275,23 @@ def _export(arguments: argparse.Namespace) -> None:
     card["figures"] = figures([*measured, *references(arguments.data, "test", arguments.seed)])
     export(trained, config, card, output, color)
     card_page = page(card, config.spec.size, output.stat().st_size)
-    (output.parent / "README.md").write_text(card_page, encoding="utf-8")
+    output.with_suffix(".md").write_text(card_page, encoding="utf-8")
     print(f"{output}: {output.stat().st_size:,} bytes")
+
+
+def _mixtures(arguments: argparse.Namespace) -> None:
+    from model.mixture_report import write
+    from service.encoder import Encoder
+
+    encoder = Encoder.open(arguments.model, threads=1)
+    print(write(encoder, arguments.data, arguments.split, arguments.out, arguments.seed))
 
 
 def _results(arguments: argparse.Namespace) -> None:
     from model.report import report
 
-    print(report(arguments.model, arguments.data, arguments.split, arguments.out, arguments.seed))
+    models = arguments.model or [SHIPPED, *sorted(set(SHIPPED.parent.glob("*.onnx")) - {SHIPPED})]
+    print(report(models, arguments.data, arguments.split, arguments.out, arguments.seed))
 
 
 if __name__ == "__main__":

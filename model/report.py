@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from model import tables
+from model import mixture_report, tables
 from model.asked import asked_table, checks
 from model.classes import class_of
 from model.color_figures import color_record, color_section
@@ -51,22 +51,26 @@ class Shipped:
     ms: float
 
 
-def report(model: Path, data: Path, split: Split, root: Path, seed: int = 0) -> str:
-    """Evaluate an ONNX file, then write `root/RESULTS.md`, `root/model/results/<model>.json` and its pictures.
+def report(models: Sequence[Path], data: Path, split: Split, root: Path, seed: int = 0) -> str:
+    """Evaluate ONNX files; write `root/RESULTS.md`, `root/model/results/<model>.json` and the first one's pictures.
 
-    Every other record in `root/model/results` enters the tables. Returns the table of asked figures.
+    The page is about the first. The others and every other record in `root/model/results` enter the tables, as does
+    what `hof-model mixtures` wrote there. Returns the table of asked figures.
 
     Raises
     ------
     FileNotFoundError : no data set, or `hof-model data vary` has not been run.
     ValueError : a record is of other objects.
     """
+    model, *beside = models
     encoder = Encoder.open(model, threads=1)
     shipped = Shipped(encoder.name, encoder.digest, model.stat().st_size, encoder_ms(model.read_bytes()))
     folder = root / FOLDER
     ours = encoder_record(encoder, data, split, seed, CONDITIONS, COUNTS)
     ours = replace(ours, evaluations=(*ours.evaluations, *references(data, split, seed, CONDITIONS)))
     ours.write(folder / f"{encoder.name}.json")
+    for other in (Encoder.open(path, threads=1) for path in beside):
+        encoder_record(other, data, split, seed).write(folder / f"{other.name}.json")
     objects = list(cases(data, split))
     first_objects(encoder, objects).save(folder / f"{encoder.name}.png", optimize=True)
     everyday_objects(encoder, objects).save(folder / f"{encoder.name}-everyday.png", optimize=True)
@@ -76,13 +80,14 @@ def report(model: Path, data: Path, split: Split, root: Path, seed: int = 0) -> 
         color.write(folder / "color" / f"{encoder.name}.json")
     classes = [class_of(case.entry) for case in objects]
     asked = asked_table(checks(_evaluations(ours, others), ours.method, classes, shipped.bytes_, shipped.ms))
-    more = [color_section(color)] if color else []
-    (root / "RESULTS.md").write_text(markdown(ours, others, shipped, classes, asked, more), encoding="utf-8")
+    sections = [mixture_report.section(root), color_section(color) if color else ""]
+    page = markdown(ours, others, shipped, classes, asked, [section for section in sections if section])
+    (root / "RESULTS.md").write_text(page, encoding="utf-8")
     return asked
 
 
 def read_others(folder: Path, ours: Record) -> list[Record]:
-    """The records of trained methods that are not shipped, by name of their files.
+    """The records of other methods, by name of their files.
 
     Raises
     ------
@@ -90,6 +95,8 @@ def read_others(folder: Path, ours: Record) -> list[Record]:
     """
     found = []
     for path in sorted(folder.glob("*.json")):
+        if path.name.startswith(mixture_report.PREFIX):
+            continue
         record = Record.read(path)
         if record.method == ours.method:
             continue
@@ -105,10 +112,10 @@ def markdown(
     shipped: Shipped,
     classes: Sequence[str],
     asked: str,
-    more: Sequence[str] = (),
+    sections: Sequence[str],
 ) -> str:
-    """The whole page; `classes` of the objects in order, `asked` the table of asked figures, `more` sections of
-    what not every model has."""
+    """The whole page; `classes` of the objects in order, `asked` the table of asked figures, `sections` of other
+    measurements."""
     evaluations = _evaluations(ours, others)
     decoders = {record.method: record.decoder for record in (ours, *others) if record.decoder}
     return "\n\n".join(
@@ -119,7 +126,7 @@ def markdown(
             _classes(evaluations, classes, [ours.method, RETRIEVAL, ORACLE]),
             f"## Points\n\n{tables.by_count(evaluations, ours.method)}",
             _conditions(evaluations, [ours.method, RETRIEVAL]),
-            *more,
+            *sections,
             _trained(others),
             f"## The paper's own figures\n\nAnother data set (ShapeNet) and scale: not to be compared.\n\n{PAPER}",
             _pictures(ours, shipped),
@@ -192,12 +199,17 @@ def _trained(others: Sequence[Record]) -> str:
     for record in others:
         training = record.made.get("training", {})
         spent = [f"{training['steps']:,}", str(training["minutes"])] if training else ["-"] * 2
-        rows.append([record.method, *spent, str(record.made["seed"]), str(record.made["commit"])])
-    known = tables.table(["method", "steps", "minutes", "seed", "commit"], rows) if rows else "None yet."
-    return f"""## Methods that are not shipped
+        file = record.made.get("digest", "-")[:16]
+        rows.append([record.method, *spent, str(record.made["seed"]), str(record.made["commit"]), file])
+    known = (
+        tables.table(["method", "steps", "minutes", "seed", "commit", "sha256 of the exported file"], rows)
+        if rows
+        else "None yet."
+    )
+    return f"""## Other methods
 
-Trained by `hof-model train` and measured by `hof-model evaluate --run RUN --split test -o {FOLDER}/NAME.json`; the
-config of each is in its file.
+The other shipped models, and methods that are only compared, trained by `hof-model train` and measured by `hof-model
+evaluate --run RUN --split test -o {FOLDER}/NAME.json`; the config of each is in its file.
 
 {known}"""
 

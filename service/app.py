@@ -16,11 +16,11 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from service import __version__, kernel, problems
 from service.access import Access
 from service.clients import Patience
-from service.encoder import Encoder
 from service.errors import InvalidParameter
 from service.headers import SecureHeaders, with_cors
 from service.matting import Matting
 from service.metrics import Metrics
+from service.models import Models
 from service.observing import Observed, Templates
 from service.openapi import openapi_text
 from service.routes import compose, encode, health, metrics, objects, viewer
@@ -95,15 +95,15 @@ async def _refuse_repeats(request: Request) -> None:
 
 @asynccontextmanager
 async def _lifespan(settings: Settings, app: FastAPI) -> AsyncIterator[None]:
-    """Open the models and the store, run one inference, and serve; close them in the end."""
+    """Open the models and the store, run one inference of each encoder, and serve; close them in the end."""
     with ThreadPoolExecutor(settings.threads, thread_name_prefix="hof") as executor:
-        encoder = await asyncio.to_thread(Encoder.open, settings.model, settings.threads)
-        await asyncio.to_thread(encoder.warm_up)
+        models = await asyncio.to_thread(Models.open, settings.model, settings.threads)
+        await asyncio.to_thread(models.warm_up)
         matting = await asyncio.to_thread(Matting.of, settings.matting_model, settings.threads)
         await asyncio.to_thread(kernel.load)
         hold_blas_to_one_thread()
         store = await Store.open(settings.database_url)
-        app.state.runtime = Runtime(settings, encoder, matting, store, executor, app.state.metrics)
+        app.state.runtime = Runtime(settings, models, matting, store, executor, app.state.metrics)
         try:
             yield
         finally:

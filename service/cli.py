@@ -1,13 +1,14 @@
 """The `hof` command: serve, and the same encoding and sampling without a server."""
 
 import argparse
+import io
 import json
 import os
 import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, Final, get_args
+from typing import Any, Final, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
@@ -19,13 +20,16 @@ from service.formats import POINT_FORMATS, PointFormat, write
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
 from service.images import Background, preprocess
 from service.keys import SCOPES, make_key
-from service.mapping import Functions, MappingSpec, joined
+from service.mapping import Array, Functions, MappingSpec, joined
 from service.matting import Matting
 from service.points import check_size
 from service.queries import EncodeQuery, PointsQuery
+from service.sampler import Sampler
 from service.settings import POINTS_CEILING, Settings
+from service.sheet import MAX_POINTS, label, rows_of_words, sheet
 
 FAILED: Final = 2
+PICTURE: Final = ".png"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -81,9 +85,9 @@ def _parser() -> argparse.ArgumentParser:
     _add_sampling(sample)
     sample.set_defaults(run=_sample)
 
-    compose = commands.add_parser("compose", help="several weights files to points", description=_compose.__doc__)
+    compose = commands.add_parser("compose", help="weights files to points or a picture", description=_compose.__doc__)
     compose.add_argument("weights", type=Path, nargs="+", help="k .safetensors files of one spec")
-    _add_output(compose, [fmt.extension for fmt in POINT_FORMATS.values()])
+    _add_output(compose, [*(fmt.extension for fmt in POINT_FORMATS.values()), PICTURE])
     _add_sampling(compose)
     compose.set_defaults(run=_compose)
 
@@ -104,6 +108,7 @@ def _add_settings(parser: argparse.ArgumentParser, only: set[str] | None = None)
             parser.add_argument(
                 f"--{name.replace('_', '-')}",
                 dest=name,
+                action="append" if get_origin(field.annotation) is tuple else "store",
                 default=argparse.SUPPRESS,
                 metavar=name.rsplit("_", 1)[-1].upper(),
                 help=f"{field.description}{default} [HOF_{name.upper()}]".replace("%", "%%"),
@@ -163,7 +168,7 @@ def _encode(arguments: argparse.Namespace) -> None:
     as_weights = arguments.output.suffix == WEIGHT_FORMATS["safetensors"].extension
     if not as_weights:
         _points_query(arguments)  # refuses before the work is done
-    encoder = Encoder.open(settings.model, settings.threads)
+    encoder = Encoder.open(settings.model[0], settings.threads)
     framing = encoder.framing
     if query.foreground_ratio is not None:
         framing = replace(framing, foreground_ratio=query.foreground_ratio)
@@ -186,12 +191,38 @@ def _sample(arguments: argparse.Namespace) -> None:
 
 
 def _compose(arguments: argparse.Namespace) -> None:
-    """Compose the functions of k weights files and write the points of A B: f_A(f_B(x)), the last one applied first."""
-    _points_query(arguments)
+    """Compose the functions of k weights files and write the points of A B: f_A(f_B(x)), the last one applied first.
+    As .png: a picture of the words over two files, A and B; all of k = 2, those from A to B of a larger k."""
+    as_picture = arguments.output.suffix == PICTURE
+    if not as_picture:
+        _points_query(arguments)
     word = [_load(path) for path in arguments.weights]
     kinds = ((each.spec, bool(each.word), each.color.spec if each.color else None) for each in word)
-    check([Member(str(path), *kind) for path, kind in zip(arguments.weights, kinds, strict=True)], "compose")
-    _write_points(arguments, word[0].spec, joined([each.functions for each in word]))
+    members = [Member(str(path), *kind) for path, kind in zip(arguments.weights, kinds, strict=True)]
+    check(members, "all" if as_picture else "compose")
+    if as_picture:
+        _write_sheet(arguments, word[0].spec, [each.theta for each in word])
+    else:
+        _write_points(arguments, word[0].spec, joined([each.functions for each in word]))
+
+
+def _write_sheet(arguments: argparse.Namespace, spec: MappingSpec, thetas: Sequence[Array]) -> None:
+    """A picture of the words over A and B, whose thetas these are, (spec.size,) each."""
+    query = PointsQuery(**_given(arguments, PointsQuery))
+    if query.n > MAX_POINTS:
+        raise InvalidParameter(f"n is {query.n}, a picture shows at most {MAX_POINTS} points of a word", field="n")
+    if query.scale != 1:
+        raise InvalidParameter("a picture has no scale", field="scale")
+
+    def points(word: str) -> Array:
+        functions = tuple(thetas["AB".index(letter)] for letter in word)
+        return Sampler(spec.with_k(len(word)), functions).points(query.n, seed=query.seed, sampling=query.sampling)
+
+    rows = [[(label(word, spec.k), points(word)) for word in row] for row in rows_of_words(spec.k)]
+    names = (f"{letter}: {path.stem}" for letter, path in zip("AB", arguments.weights, strict=True))
+    file = io.BytesIO()
+    sheet(rows, ", ".join(names)).save(file, "PNG", optimize=True)
+    _write(arguments.output, [file.getvalue()])
 
 
 def _info(arguments: argparse.Namespace) -> None:

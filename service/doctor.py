@@ -13,9 +13,9 @@ from sqlalchemy.exc import ArgumentError
 
 from service import tracing
 from service.access import keys_of
-from service.encoder import Encoder
 from service.errors import HofError
 from service.matting import Matting
+from service.models import Models
 from service.routes.viewer import BUNDLE, NOT_BUILT
 from service.settings import MIB, Settings, available_cpus
 from service.store import Store
@@ -50,9 +50,10 @@ def examine(settings: Settings) -> Iterator[Finding]:
 
 
 def _model(settings: Settings) -> tuple[State, str]:
-    encoder = Encoder.open(settings.model, settings.threads)
-    encoder.warm_up()
-    return "ok", f"{encoder.name} of {settings.model} encodes"
+    models = Models.open(settings.model, settings.threads)
+    models.warm_up()
+    told = (f"{encoder.name} of {path}" for encoder, path in zip(models, settings.model, strict=True))
+    return "ok", f"{', '.join(told)} encodes"
 
 
 def _matting(settings: Settings) -> tuple[State, str]:

@@ -28,8 +28,9 @@ class Encoder:
     digest : sha256 of the file, hexadecimal.
     """
 
-    def __init__(self, data: bytes, threads: int) -> None:
-        self._session = open_session(data, threads)
+    def __init__(self, source: Path | bytes, threads: int) -> None:
+        data = source if isinstance(source, bytes) else source.read_bytes()
+        self._session = open_session(source, threads)
         metadata = self._session.get_modelmeta().custom_metadata_map
         _check_format(metadata)
         self.spec: Final = _spec(metadata, "hof.spec")
@@ -50,14 +51,12 @@ class Encoder:
             or its metadata disagrees with its graph.
         """
         try:
-            data = path.read_bytes()
+            return cls(path, threads)
         except OSError as error:
             raise InvalidModel(
                 f"cannot read the model {path}: {error.strerror}; name an encoder with --model or HOF_MODEL, "
                 "or make one with `hof-model export`"
             ) from error
-        try:
-            return cls(data, threads)
         except InvalidModel as error:
             raise InvalidModel(f"the model {path} is unusable: {error.detail}") from error
 
@@ -99,10 +98,11 @@ class Encoder:
         _check_tensors("output", self._session.get_outputs(), self._outputs)
 
 
-def open_session(data: bytes, threads: int, *, arena: bool = True) -> ort.InferenceSession:
-    """An ONNX file's bytes as a session on so many threads that sleep between calls.
+def open_session(source: Path | bytes, threads: int, *, arena: bool = True) -> ort.InferenceSession:
+    """An ONNX file as a session on so many threads that sleep between calls.
 
-    Without `arena` the memory of a call goes back to the system after it. Raises InvalidModel.
+    Of bytes onnxruntime keeps a copy, of a path none. Without `arena` the memory of a call goes back to the
+    system after it. Raises InvalidModel.
     """
     options = ort.SessionOptions()
     options.intra_op_num_threads = threads  # onnxruntime's own guess ignores CPU quotas
@@ -110,7 +110,7 @@ def open_session(data: bytes, threads: int, *, arena: bool = True) -> ort.Infere
     options.enable_cpu_mem_arena = arena
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     try:
-        return ort.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+        return ort.InferenceSession(source, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime raises a class of its own for each way to be corrupt
         raise InvalidModel(
             f"it is no ONNX file that onnxruntime can load ({type(error).__name__}); get it anew"

@@ -1,6 +1,6 @@
 """What comes in over the wire: the parameters of each call, and their limits."""
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -16,6 +16,10 @@ from service.settings import POINTS_CEILING
 PointFormatName = Literal["ply", "npy", "xyz", "json", "glb", "gltf", "pcd", "f32", "f16"]
 
 MAX_SEED = 2**63 - 1
+
+ModelName = Annotated[
+    str | None, Field(max_length=200, description="name of a loaded model; by default the first that `/models` lists")
+]
 
 
 class NoQuery(BaseModel):
@@ -42,7 +46,13 @@ class EncodeQuery(NoQuery):
         "training, 0.85 for the shipped model",
     )
     include: Literal["weights"] | None = Field(default=None, description="add `weights` to the answer")
-    model: str | None = Field(default=None, max_length=200, description="name of a loaded model")
+    model: ModelName = None
+
+
+class ModelQuery(NoQuery):
+    """Which of the loaded models."""
+
+    model: ModelName = None
 
 
 class PageQuery(NoQuery):

@@ -17,6 +17,7 @@ from service.encoder import Encoder
 from service.errors import NotReady
 from service.matting import Matting
 from service.metrics import Metrics
+from service.models import Models
 from service.settings import Settings
 from service.store import Store
 from service.vital import Vital
@@ -32,12 +33,12 @@ class Runtime:
     Attributes
     ----------
     gates : what bounds the work that is let in.
-    batcher : the encoder, shared by those who wait for it.
+    batchers : by the models' names, each encoder, shared by those who wait for it.
     vitals : the parts that a ready service needs, by the words for it.
     """
 
     settings: Settings
-    encoder: Encoder
+    models: Models
     matting: Matting | None
     store: Store
     executor: Executor
@@ -48,16 +49,17 @@ class Runtime:
         return Gates.of(self.settings)
 
     @cached_property
-    def batcher(self) -> Batcher:  # noqa: D102
-        return Batcher(self.encoder.encode, self.run)
+    def batchers(self) -> dict[str, Batcher]:  # noqa: D102
+        return {encoder.name: Batcher(encoder.encode, self.run) for encoder in self.models}
 
     @cached_property
     def vitals(self) -> dict[str, Vital]:  # noqa: D102
-        blank = self.encoder.blank()
-        return {
-            "encoder": Vital(lambda: self.batcher.encode(blank), lambda: self.batcher.answered_at),
-            "store": Vital(self.store.ping, lambda: -math.inf),
-        }
+        encoders = {f"model {encoder.name}": self._vital(encoder) for encoder in self.models}
+        return {**encoders, "store": Vital(self.store.ping, lambda: -math.inf)}
+
+    def _vital(self, encoder: Encoder) -> Vital:
+        batcher, blank = self.batchers[encoder.name], encoder.blank()
+        return Vital(lambda: batcher.encode(blank), lambda: batcher.answered_at)
 
     async def run(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
         """Call a function that computes on a worker thread, off the event loop."""

@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import BaseModel, Field
 from pydantic.json_schema import SkipJsonSchema
 
+from service.encoder import Encoder
 from service.images import Framed, Mask
 from service.mapping import Activation, Array, Domain, Functions, MappingSpec
 from service.store import Kind, Record
@@ -172,7 +173,7 @@ class ModelFraming(BaseModel):
 
 
 class Model(BaseModel):
-    """The loaded model."""
+    """A loaded model."""
 
     name: str = Field(examples=["hof1-k2"])
     digest: str = Field(description="sha256 of the model file, hexadecimal")
@@ -180,6 +181,23 @@ class Model(BaseModel):
     color: ColorSpec = None
     framing: ModelFraming
     card: dict[str, Any] = Field(description="the model card as the file carries it: data, licence, figures, limits")
+
+    @classmethod
+    def of(cls, encoder: Encoder) -> "Model":
+        """The encoder as it is shown."""
+        return cls(
+            name=encoder.name,
+            digest=encoder.digest,
+            spec=Spec.of(encoder.spec),
+            framing=ModelFraming(**asdict(encoder.framing)),
+            card=encoder.card,
+        )
+
+
+class ModelList(BaseModel):
+    """The loaded models."""
+
+    models: list[Model] = Field(description="the first is taken where a call names none")
 
 
 class Health(BaseModel):

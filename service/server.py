@@ -24,9 +24,9 @@ from uvicorn.supervisors import multiprocess
 
 from service import app, database, logs
 from service.access import keys_of
-from service.encoder import Encoder
 from service.matting import Matting
 from service.metrics import shared_by_workers
+from service.models import Models
 from service.settings import Settings
 
 WORKER_START_S: Final = 60  # until a worker has imported all; one that takes longer is started anew, for ever
@@ -59,7 +59,7 @@ def serve(settings: Settings) -> None:
 
 def _check(settings: Settings) -> None:
     """Open what the server will open, so that what is wrong with it ends here, in a sentence."""
-    Encoder.open(settings.model, settings.threads)
+    Models.open(settings.model, settings.threads)
     Matting.of(settings.matting_model, settings.threads)
     keys_of(settings)
     asyncio.run(database.check(settings.database_url))

@@ -7,18 +7,18 @@ import math
 import os
 import sys
 from pathlib import Path
-from typing import Final, Literal
+from typing import Annotated, Final, Literal
 
 import platformdirs
 from limits import parse
-from pydantic import Field, field_validator
-from pydantic_settings import BaseSettings, SettingsConfigDict
+from pydantic import BeforeValidator, Field, field_validator
+from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
 
 from service.images import DEFAULT_MAX_PIXELS
 
 LogFormat = Literal["json", "text"]
 
-SHIPPED_MODEL: Final = Path(__file__).resolve().parent.parent / "model" / "weights" / "hof1-k2.onnx"
+SHIPPED_MODEL: Final = Path(__file__).resolve().parent.parent / "model" / "weights" / "hof1-k2.onnx"  # the default
 POINTS_CEILING: Final = 10_000_000  # the API's promise; `max_points` may only lower it
 POINTS_PER_CPU: Final = 4_000_000  # in flight: about a second of work
 MIB: Final = 2**20
@@ -33,6 +33,12 @@ def available_cpus() -> int:
         return max(1, min(count, math.ceil(int(quota) / int(period))))
     except (OSError, ValueError):  # no cgroup v2 here, or "max": no quota
         return count
+
+
+def shipped_models() -> tuple[Path, ...]:
+    """The ONNX files beside SHIPPED_MODEL, that one first, the others by name."""
+    others = sorted(path for path in SHIPPED_MODEL.parent.glob("*.onnx") if path != SHIPPED_MODEL)
+    return (SHIPPED_MODEL, *others)
 
 
 def default_database_url() -> str:
@@ -51,6 +57,14 @@ def default_log_format() -> LogFormat:
     return "text" if sys.stderr.isatty() else "json"
 
 
+def _parts(value: object) -> object:
+    """A variable's text, cut at commas."""
+    return [part.strip() for part in value.split(",") if part.strip()] if isinstance(value, str) else value
+
+
+Paths = Annotated[tuple[Path, ...], NoDecode, BeforeValidator(_parts)]
+
+
 class Settings(BaseSettings):
     """Read once at start, from keyword arguments first, then from HOF_* variables, and passed in."""
 
@@ -62,7 +76,12 @@ class Settings(BaseSettings):
         default_factory=default_database_url,
         description="where objects are kept: sqlite:///PATH or postgresql://...; default: the user's data folder",
     )
-    model: Path = Field(default=SHIPPED_MODEL, description="the image encoder, an ONNX file of hof-model export")
+    model: Paths = Field(
+        default_factory=shipped_models,
+        min_length=1,
+        description="image encoders, ONNX files of hof-model export, the first for calls that name none; the flag may "
+        "be repeated, the variable takes commas; default: `hof1-k2.onnx` and all others in `model/weights`",
+    )
     matting_model: Path | None = Field(
         default_factory=default_matting_model,
         description="U2-Net, an ONNX file that tells objects from any background; default: u2netp.onnx in "

@@ -74,7 +74,7 @@ def u2net_home() -> Path:
 @pytest.fixture
 def settings(model_path: Path, database_url: str) -> Settings:
     return Settings(
-        model=model_path,
+        model=(model_path,),
         database_url=database_url,
         threads=2,
         max_image_bytes=200_000,

@@ -19,10 +19,11 @@ def _post(port: int, photo: bytes) -> socket.socket:
 
 
 def test_queued_images_of_clients_that_left_are_never_encoded(settings: Settings, slow_model: Path) -> None:
-    with running(settings.model_copy(update={"model": slow_model, "threads": 1})) as server:
+    with running(settings.model_copy(update={"model": (slow_model,), "threads": 1})) as server:
         runtime = runtime_of(server)
+        (batcher,) = runtime.batchers.values()
         first = _post(server.port, plain(0))
-        until(lambda: runtime.batcher.calls == 1)  # it has the only worker thread
+        until(lambda: batcher.calls == 1)  # it has the only worker thread
         connections = [_post(server.port, plain(255, 255 - index)) for index in range(WAITING)]
         until(lambda: runtime.gates.images.held == 1 + WAITING)
         for connection in connections[:LEAVING]:
@@ -31,7 +32,7 @@ def test_queued_images_of_clients_that_left_are_never_encoded(settings: Settings
         for connection in (first, *connections[LEAVING:]):
             assert connection.recv(65_536).startswith(b"HTTP/1.1 201 ")
             connection.close()
-        assert runtime.batcher.images == 1 + WAITING - LEAVING
+        assert batcher.images == 1 + WAITING - LEAVING
         assert runtime.gates.images.held == 0
 
 
@@ -39,10 +40,11 @@ def test_a_client_that_leaves_a_running_image_makes_room_and_stores_nothing(
     settings: Settings,
     slow_model: Path,
 ) -> None:
-    with running(settings.model_copy(update={"model": slow_model, "max_queued_images": 1})) as server:
+    with running(settings.model_copy(update={"model": (slow_model,), "max_queued_images": 1})) as server:
         runtime = runtime_of(server)
+        (batcher,) = runtime.batchers.values()
         connection = _post(server.port, plain(0))
-        until(lambda: runtime.batcher.calls == 1)
+        until(lambda: batcher.calls == 1)
         connection.close()
         until(lambda: runtime.gates.images.held == 0)
         with _post(server.port, plain(255, 255)) as other:

@@ -7,6 +7,7 @@ from pathlib import Path
 import httpx
 import numpy as np
 import pytest
+import tiny_model
 from conftest import disc, image_file
 
 from service import server
@@ -148,10 +149,14 @@ def test_openapi_prints_the_committed_schema(capsys: pytest.CaptureFixture[str])
         ("sample photo.png -o out.ply", "hof: photo.png: "),
         ("compose photo.png photo.png -o out.ply", "hof: photo.png: "),
         ("compose photo.png -o out.stl", "no format has the suffix"),
+        ("compose a.safetensors -o out.png", "all words are those of two objects, not 1"),
+        ("compose a.safetensors a.safetensors -o out.png --n 100001", "a picture shows at most 100000 points"),
+        ("compose a.safetensors a.safetensors -o out.png --scale 2", "a picture has no scale"),
         ("sample photo.png -o out.safetensors", "no format has the suffix"),
         ("info photo.png", "hof: photo.png: "),
         ("serve --port 70000", "port: "),
         ("serve --model nothere.onnx", "nothere.onnx"),
+        ("serve --model tiny.onnx --model tiny.onnx", "tiny.onnx and tiny.onnx are both named tiny-k2: load one"),
         ("serve --matting-model nothere.onnx", "cannot read the matting model nothere.onnx: No such file"),
         ("encode photo.png -o out.ply --matting-model photo.png", "the matting model photo.png is unusable"),
         ("serve --api-keys-file nothere", "cannot read the keys file nothere: No such file"),
@@ -173,6 +178,9 @@ def test_errors_are_one_line_and_leave_no_file(
     here: Path, capsys: pytest.CaptureFixture[str], command: str, message: str
 ) -> None:
     (here / "text.png").write_text("no image")
+    tiny_model.build(here / "tiny.onnx")
+    weights = Weights(tiny_model.SPEC, initial_theta(tiny_model.SPEC), "m")
+    (here / "a.safetensors").write_bytes(dump(weights, "safetensors"))
     (here / "cut.png").write_bytes((here / "photo.png").read_bytes()[:100])
     before = sorted(here.iterdir())
     assert main(command.split()) == 2
@@ -206,7 +214,7 @@ def test_every_setting_is_a_flag_of_serve(
         "host": "::1",
         "port": 1,
         "database_url": f"sqlite:///{tmp_path / 'x.db'}",
-        "model": model_path,
+        "model": (model_path, tiny_model.build(tmp_path / "b.onnx", meta=tiny_model.metadata(name="b"))),
         "matting_model": u2net_home / "u2netp.onnx",
         "max_image_bytes": 2,
         "max_image_pixels": 3,
@@ -238,7 +246,8 @@ def test_every_setting_is_a_flag_of_serve(
         stopped.started = True
 
     monkeypatch.setattr(server.Server, "run", run)
-    flags = [part for name, value in values.items() for part in (f"--{name.replace('_', '-')}", str(value))]
+    given = [(name, one) for name, value in values.items() for one in (value if isinstance(value, tuple) else [value])]
+    flags = [part for name, value in given for part in (f"--{name.replace('_', '-')}", str(value))]
     assert main(["serve", *flags]) == 0
     assert seen[0].model_dump() == values
 

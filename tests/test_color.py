@@ -32,7 +32,7 @@ SPEC = tiny_model.COLOR_SPEC
 @pytest.fixture
 def colored(settings: Settings, colored_path: Path) -> Iterator[httpx.Client]:
     """A client of a service whose model colours its objects."""
-    lowered = settings.model_copy(update={"model": colored_path})
+    lowered = settings.model_copy(update={"model": (colored_path,)})
     with running(lowered) as server, httpx.Client(base_url=f"http://127.0.0.1:{server.port}", timeout=60) as client:
         yield client
 

@@ -93,7 +93,7 @@ def test_the_hof_lines_work(here: Path, model_path: Path, monkeypatch: pytest.Mo
     for line in _commands("hof"):
         assert cli.main(shlex.split(line, comments=True)[1:]) == 0, line
     written = {path.name for path in here.iterdir()}
-    assert written == {"photo.jpg", "object.glb", "object.safetensors", "object.ply", "composed.glb"}
+    assert written == {"photo.jpg", "object.glb", "object.safetensors", "object.ply", "composed.glb", "sheet.png"}
 
 
 def test_the_hof_model_lines_parse() -> None:

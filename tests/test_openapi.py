@@ -41,6 +41,7 @@ def test_the_calls_are_those_of_the_contract(operations: dict[str, dict[str, Any
         "GET /objects/{id}/points",
         "GET /objects/{id}/weights",
         "GET /model",
+        "GET /models",
         "GET /health/live",
         "GET /health/ready",
         "GET /metrics",

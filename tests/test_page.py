@@ -11,13 +11,15 @@ from pathlib import Path
 import httpx
 import numpy as np
 import pytest
+import tiny_model
 from conftest import running
 from PIL import Image
 from playwright.sync_api import Browser, ConsoleMessage, Page, expect, sync_playwright
 
 from service.keys import make_key
+from service.mapping import MappingSpec
 from service.routes import viewer
-from service.settings import Settings
+from service.settings import SHIPPED_MODEL, Settings
 
 ROOT = Path(__file__).parents[1]
 PICTURES = ROOT / "out" / "viewer"
@@ -141,6 +143,27 @@ def test_an_example_is_encoded(page: Page) -> None:
     page.get_by_role("button", name="Armchair", exact=True).click()
     expect(page.locator("#framing")).to_be_visible()
     expect(page.locator("#gallery li.shown")).to_have_count(1)
+
+
+def test_the_model_is_chosen_where_there_are_two(page: Page, browser: Browser, tmp_path: Path) -> None:
+    expect(page.get_by_label("Model")).to_be_hidden()  # one is loaded
+    spec = MappingSpec("tiny", 3, (16,), 3, k=4)
+    other = tiny_model.build(tmp_path / "tiny-k4.onnx", spec, meta=tiny_model.metadata(spec, "tiny-k4"))
+    store = f"sqlite:///{tmp_path / 'hof.db'}"
+    with (
+        running(Settings(model=(SHIPPED_MODEL, other), database_url=store)) as server,
+        browser.new_context() as context,
+    ):
+        page = context.new_page()
+        page.goto(f"http://127.0.0.1:{server.port}/")
+        page.get_by_label("Model").select_option("tiny-k4")
+        page.set_input_files("#file", _photo("chair"))
+        expect(page.locator("#about")).to_contain_text("k = 4, of tiny-k4", timeout=TIMEOUT_MS)
+        assert b'"model":"tiny-k4"' in _run(_curl_line(page, "encode"), _photo("chair").parent)
+        page.get_by_label("Model").select_option(index=0)
+        page.set_input_files("#file", _photo("chair"))
+        expect(page.locator("#about")).to_contain_text("k = 2, of hof1-k2", timeout=TIMEOUT_MS)
+        assert _curl_line(page, "encode").endswith("/encode")
 
 
 def test_a_dropped_photo_is_encoded(page: Page) -> None:
@@ -289,7 +312,7 @@ def test_a_key_is_asked_for_once_and_used(browser: Browser, model_path: Path, tm
     token, key = make_key("visitor", frozenset({"read", "write"}))
     (tmp_path / "keys").write_text(key.line)
     settings = Settings(
-        model=model_path, database_url=f"sqlite:///{tmp_path / 'hof.db'}", api_keys_file=tmp_path / "keys", threads=1
+        model=(model_path,), database_url=f"sqlite:///{tmp_path / 'hof.db'}", api_keys_file=tmp_path / "keys", threads=1
     )
     with running(settings) as server, browser.new_context() as context:
         page = context.new_page()

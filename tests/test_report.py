@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 import small_data
+import tiny_model
 from PIL import Image
 
 from model import cli
@@ -24,18 +25,40 @@ def root(data: Path, model_path: Path, tmp_path_factory: pytest.TempPathFactory)
     rival = Record.read(folder / "model/results/rival.json")
     renamed = replace(rival, method="rival", evaluations=tuple(replace(e, method="rival") for e in rival.evaluations))
     renamed.write(folder / "model/results/rival.json")
-    assert cli.main(["results", "--model", str(model_path), "--data", str(data), "-o", str(folder)]) == 0
+    spec = replace(tiny_model.SPEC, k=4)
+    beside = tiny_model.build(folder / "k4.onnx", spec, meta=tiny_model.metadata(spec, "tiny-k4"))
+    assert cli.main(["mixtures", "--model", str(model_path), "--data", str(data), "-o", str(folder)]) == 0
+    models = ["--model", str(model_path), "--model", str(beside)]
+    assert cli.main(["results", *models, "--data", str(data), "-o", str(folder)]) == 0
     return folder
 
 
 def test_the_page_holds_every_table(root: Path) -> None:
     page = (root / "RESULTS.md").read_text()
-    for head in ("Asked and measured", "Comparison", "Classes", "Points", "Harder images", "not shipped", "Pictures"):
+    for head in (
+        "Asked and measured",
+        "Comparison",
+        "Classes",
+        "Points",
+        "Harder images",
+        "Mixtures",
+        "Other methods",
+        "Pictures",
+    ):
         assert head in page
     assert "| rival |" in page
     assert "## Colour" not in page
     assert page.count("| tiny-k2 |") >= 6  # once compared, five conditions
     assert "test split, 2 objects" in page
+
+
+def test_another_shipped_model_is_compared_and_told(root: Path) -> None:
+    page = (root / "RESULTS.md").read_text()
+    record = Record.read(root / "model/results/tiny-k4.json")
+    assert (record.method, len(record.evaluations)) == ("tiny-k4", 1)
+    assert "sha256 " + record.made["digest"][:16] not in page  # the page's model is the first
+    assert page.count("| tiny-k4 |") == 3  # compared, its differences, among the other methods
+    assert f"| {record.made['digest'][:16]} |" in page
 
 
 def test_the_raw_metrics_are_behind_it(root: Path) -> None:

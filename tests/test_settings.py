@@ -16,7 +16,7 @@ def _no_environment(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_defaults_serve_this_machine_only_with_the_shipped_model_and_a_private_store() -> None:
     settings = Settings()
     assert (settings.host, settings.port) == ("127.0.0.1", 8080)
-    assert settings.model == Path(module.__file__).parents[1] / "model" / "weights" / "hof1-k2.onnx"
+    assert settings.model[0] == Path(module.__file__).parents[1] / "model" / "weights" / "hof1-k2.onnx"
     assert settings.database_url.startswith("sqlite:///")
     assert settings.database_url.endswith("hof/hof.db")
     assert settings.matting_model is None
@@ -28,6 +28,19 @@ def test_defaults_serve_this_machine_only_with_the_shipped_model_and_a_private_s
         None,
     )
     assert settings.log_format == "json"  # where stderr is no terminal
+
+
+def test_every_shipped_model_is_loaded_the_default_one_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("z.onnx", "hof1-k2.onnx", "a.onnx", "README.md"):
+        (tmp_path / name).touch()
+    monkeypatch.setattr(module, "SHIPPED_MODEL", tmp_path / "hof1-k2.onnx")
+    assert [path.name for path in Settings().model] == ["hof1-k2.onnx", "a.onnx", "z.onnx"]
+
+
+def test_models_are_cut_at_commas_in_the_environment_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOF_MODEL", "a.onnx, b c.onnx,")
+    assert Settings().model == (Path("a.onnx"), Path("b c.onnx"))
+    assert Settings.model_validate({"model": ["a,b.onnx"]}).model == (Path("a,b.onnx"),)
 
 
 def test_the_matting_model_is_looked_for_where_rembg_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -42,7 +55,7 @@ def test_environment_sets_every_field(monkeypatch: pytest.MonkeyPatch) -> None:
         "host": "0.0.0.0",
         "port": 9,
         "database_url": "sqlite:///x.db",
-        "model": Path("m.onnx"),
+        "model": (Path("m.onnx"),),
         "matting_model": Path("u.onnx"),
         "max_image_bytes": 1,
         "max_image_pixels": 2,
@@ -62,7 +75,7 @@ def test_environment_sets_every_field(monkeypatch: pytest.MonkeyPatch) -> None:
         "log_format": "text",
     }
     for name, value in values.items():
-        monkeypatch.setenv(f"HOF_{name.upper()}", str(value))
+        monkeypatch.setenv(f"HOF_{name.upper()}", "m.onnx" if name == "model" else str(value))
     assert Settings().model_dump() == values
 
 
@@ -78,6 +91,7 @@ def test_arguments_win_over_the_environment(monkeypatch: pytest.MonkeyPatch) -> 
         ("max_points", 10_000_001),
         ("max_points", 0),
         ("threads", 0),
+        ("model", " , "),
         ("log_level", "loud"),
         ("workers", 0),
         ("rate_limit", "many"),

@@ -248,7 +248,7 @@ def test_the_exported_file_describes_itself(exported: Path) -> None:
     assert (encoder.name, encoder.spec, encoder.framing) == ("small-k2", CONFIG.spec, CONFIG.framing)
     assert encoder.card["training"]["steps"] > 0
     assert set(encoder.card["figures"]) > {"small-k2", "mean shape", "image retrieval", "oracle nearest neighbour"}
-    page = (exported.parent / "README.md").read_text()
+    page = exported.with_suffix(".md").read_text()
     assert "image retrieval" in page
     assert f"{exported.stat().st_size:,} bytes" in page
 

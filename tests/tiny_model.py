@@ -23,14 +23,14 @@ CARD = {
 }
 
 
-def metadata(spec: MappingSpec = SPEC, color_spec: MappingSpec | None = None) -> dict[str, str]:
+def metadata(spec: MappingSpec = SPEC, name: str = "tiny-k2", color_spec: MappingSpec | None = None) -> dict[str, str]:
     """What `hof-model export` writes beside the graph."""
     framing = {"size": SIZE, "foreground_ratio": 0.85}
     told = {
         "hof.format": "1",
         "hof.spec": spec.to_json(),
         "hof.framing": json.dumps(framing),
-        "hof.card": json.dumps(CARD),
+        "hof.card": json.dumps(CARD | {"name": name}),
     }
     return told | ({"hof.color_spec": color_spec.to_json()} if color_spec else {})
 
@@ -81,7 +81,7 @@ def build(
         [numpy_helper.from_array(np.asarray(array), name) for name, array in tensors.items()],
     )
     model: Any = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
-    helper.set_model_props(model, metadata(spec, color_spec) if meta is None else meta)
+    helper.set_model_props(model, metadata(spec, color_spec=color_spec) if meta is None else meta)
     onnx.checker.check_model(model)
     onnx.save(model, str(path))
     return path

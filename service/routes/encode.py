@@ -9,7 +9,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from service.clients import while_there
-from service.errors import InvalidParameter
+from service.encoder import Encoder
 from service.ids import encoded_id
 from service.images import Framed, Framing, preprocess
 from service.mapping import Functions
@@ -74,9 +74,7 @@ async def encode(
     The id is a digest of the image's bytes, how it was framed, and the models: a repeat answers 200 with
     the same object and costs no inference; mattes are remembered for the last photos.
     """
-    encoder, settings, gates = runtime.encoder, runtime.settings, runtime.gates
-    if query.model not in (None, encoder.name):
-        raise InvalidParameter(f"no such model is loaded; there is {encoder.name}", field="model")
+    encoder, settings, gates = runtime.models.named(query.model), runtime.settings, runtime.gates
     framing = encoder.framing
     if query.foreground_ratio is not None:
         framing = replace(framing, foreground_ratio=query.foreground_ratio)
@@ -86,9 +84,9 @@ async def encode(
         work = runtime.run(preprocess, image, framing, query.background, max_pixels, runtime.matting)
         framed = await while_there(request, work)
         if not query.store:
-            functions = await while_there(request, runtime.batcher.encode(framed.tensor))
+            functions = await while_there(request, runtime.batchers[encoder.name].encode(framed.tensor))
             return EncodedWeights.of(encoder.name, encoder.spec, functions, framed)
-        record, functions, created = await _put(request, runtime, image, framing, framed)
+        record, functions, created = await _put(request, runtime, encoder, image, framing, framed)
     if created:
         response.status_code = 201
         response.headers["Location"] = f"/objects/{record.id}"
@@ -96,10 +94,10 @@ async def encode(
 
 
 async def _put(
-    request: Request, runtime: Runtime, image: bytes, framing: Framing, framed: Framed
+    request: Request, runtime: Runtime, encoder: Encoder, image: bytes, framing: Framing, framed: Framed
 ) -> tuple[Record, Functions, bool]:
     """The object of a framed image, its functions, and whether it is new."""
-    encoder, store = runtime.encoder, runtime.store
+    store = runtime.store
     models = [encoder.digest]
     if framed.mask == "matting" and runtime.matting:
         models.append(runtime.matting.digest)
@@ -107,7 +105,7 @@ async def _put(
     known = await store.find(object_id)
     if known is not None:
         return *known, False
-    functions = await while_there(request, runtime.batcher.encode(framed.tensor))
+    functions = await while_there(request, runtime.batchers[encoder.name].encode(framed.tensor))
     new = Record(object_id, "encoded", encoder.name, encoder.spec, datetime.now(UTC), color_spec=encoder.color_spec)
     record, created = await store.put(new, functions)
     return record, functions, created

@@ -1,15 +1,14 @@
 """Probes, and what the service serves with."""
 
-from dataclasses import asdict
 from typing import Annotated
 
 from fastapi import APIRouter, Query
 from starlette.requests import Request
 
 from service.errors import NotReady
-from service.queries import NoQuery
+from service.queries import ModelQuery, NoQuery
 from service.runtime import Ready
-from service.schemas import Health, Model, ModelFraming, Spec
+from service.schemas import Health, Model, ModelList
 
 router = APIRouter()
 
@@ -32,14 +31,12 @@ async def ready(request: Request, query: Annotated[NoQuery, Query()], runtime: R
 
 
 @router.get("/model", tags=["model"])
-async def model(query: Annotated[NoQuery, Query()], runtime: Ready) -> Model:
-    """The loaded model: its card, the specs of its thetas and colours, and how it frames images."""
-    encoder = runtime.encoder
-    return Model(
-        name=encoder.name,
-        digest=encoder.digest,
-        spec=Spec.of(encoder.spec),
-        color=Spec.of(encoder.color_spec) if encoder.color_spec else None,
-        framing=ModelFraming(**asdict(encoder.framing)),
-        card=encoder.card,
-    )
+async def model(query: Annotated[ModelQuery, Query()], runtime: Ready) -> Model:
+    """A loaded model: its card, the spec of its thetas, and how it frames images."""
+    return Model.of(runtime.models.named(query.model))
+
+
+@router.get("/models", tags=["model"])
+async def models(query: Annotated[NoQuery, Query()], runtime: Ready) -> ModelList:
+    """All loaded models, the default one first."""
+    return ModelList(models=[Model.of(encoder) for encoder in runtime.models])

@@ -31,11 +31,21 @@ async function call(path, options = {}) {
   throw new Problem(problem.title, problem.detail);
 }
 
+/** The loaded models, the default one first. */
+export async function listModels() {
+  return (await (await call("/models")).json()).models;
+}
+
+/** Where a photo is sent; no model stands for the default one. */
+export function encodePath(model) {
+  return model ? `/encode?${new URLSearchParams({ model })}` : "/encode";
+}
+
 /** A photo (File) becomes an object, stored. */
-export async function encode(photo) {
+export async function encode(photo, model) {
   const form = new FormData();
   form.append("image", photo);
-  return (await call("/encode", { method: "POST", body: form })).json();
+  return (await call(encodePath(model), { method: "POST", body: form })).json();
 }
 
 /** A page of the stored objects, newest first: {items, next}. */

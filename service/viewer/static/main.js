@@ -2,7 +2,7 @@
 import { allWords, compose } from "./api.js";
 import { showCurl } from "./curl.js";
 import { markCards, reloadGallery, startGallery } from "./gallery.js";
-import { onEncoded } from "./photo.js";
+import { onEncoded, showModels } from "./photo.js";
 import { attempt } from "./problem.js";
 import { focusStage, showObject, showWords } from "./view.js";
 
@@ -44,6 +44,7 @@ onEncoded(async (object) => {
   show(object);
 });
 showCurl(galleryLine, "", "/objects");
+attempt(showModels);
 attempt(async () => {
   const newest = await reloadGallery();
   if (newest) show(newest);

@@ -1,11 +1,12 @@
 // The photo: chosen, dropped or an example; sent to be encoded; shown with what was taken of it.
-import { encode } from "./api.js";
+import { encode, encodePath, listModels } from "./api.js";
 import { showCurl } from "./curl.js";
 import { attempt } from "./problem.js";
 
 const section = document.getElementById("photo");
 const file = document.getElementById("file");
 const drop = document.getElementById("drop");
+const model = document.getElementById("model");
 const framing = document.getElementById("framing");
 const picture = framing.querySelector("img");
 const line = section.querySelector(".curl");
@@ -30,13 +31,21 @@ export function onEncoded(listener) {
   acceptDrops(send);
 }
 
+/** Offer a choice where there is one; the default model has no name in the call. */
+export async function showModels() {
+  const models = await listModels();
+  const options = models.map(({ name, spec }, index) => new Option(`${name} (k = ${spec.k})`, index ? name : ""));
+  model.replaceChildren(...options);
+  model.parentElement.hidden = models.length < 2;
+}
+
 async function encodePhoto(photo) {
   URL.revokeObjectURL(picture.src);
   framing.hidden = true;
-  showCurl(line, `-F "image=@${photo.name.replace(/["\\$`]/g, "\\$&")}"`, "/encode");
+  showCurl(line, `-F "image=@${photo.name.replace(/["\\$`]/g, "\\$&")}"`, encodePath(model.value));
   section.setAttribute("aria-busy", "true");
   try {
-    const object = await encode(photo);
+    const object = await encode(photo, model.value);
     picture.src = URL.createObjectURL(photo);
     showFraming(object.image);
     return object;

@@ -37,10 +37,10 @@ export function showWords(objects, labels, about) {
   words.style.setProperty("--columns", stage?.grid.columns ?? 2);
 }
 
-function describe({ kind, spec, bytes, created_at: created }) {
+function describe({ kind, model, spec, bytes, created_at: created }) {
   const numbers = (bytes / 4).toLocaleString("en");
   const when = new Date(created).toLocaleString("en-GB", { dateStyle: "medium", timeStyle: "short" });
-  return `${numbers} numbers (${spec.name}, k = ${spec.k}), ${kind} ${when}`;
+  return `${numbers} numbers (${spec.name}, k = ${spec.k}, of ${model}), ${kind} ${when}`;
 }
 
 function label(object, text) {

@@ -1,0 +1,51 @@
+"""The image encoders that a service has loaded, by name."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from service.encoder import Encoder
+from service.errors import InvalidModel, InvalidParameter
+
+
+class Models:
+    """Encoders in the order of their files, at least one; the first is the default."""
+
+    def __init__(self, encoders: Sequence[Encoder]) -> None:
+        self._by_name = {encoder.name: encoder for encoder in encoders}
+
+    @classmethod
+    def open(cls, paths: Sequence[Path], threads: int) -> "Models":
+        """Load model files to run on so many threads each.
+
+        Raises
+        ------
+        InvalidModel : a file is unusable, as `Encoder.open` tells; two models have one name.
+        """
+        files: dict[str, Path] = {}
+        encoders = []
+        for path in paths:
+            encoder = Encoder.open(path, threads)
+            if encoder.name in files:
+                raise InvalidModel(
+                    f"the models {files[encoder.name]} and {path} are both named {encoder.name}: load one of them"
+                )
+            files[encoder.name] = path
+            encoders.append(encoder)
+        return cls(encoders)
+
+    def __iter__(self) -> Iterator[Encoder]:
+        return iter(self._by_name.values())
+
+    def named(self, name: str | None) -> Encoder:
+        """The encoder of that name; None is the default. Raises InvalidParameter, which names those that are loaded."""
+        if name is None:
+            return next(iter(self))
+        if name not in self._by_name:
+            loaded = ", ".join(self._by_name)
+            raise InvalidParameter(f"no such model is loaded; there is {loaded}", field="model")
+        return self._by_name[name]
+
+    def warm_up(self) -> None:
+        """One inference of each."""
+        for encoder in self:
+            encoder.warm_up()

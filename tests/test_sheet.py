@@ -1,0 +1,63 @@
+"""Pictures of words: which words, in which cell, of which functions."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from service.canonical import canonical_points
+from service.cli import main
+from service.formats.weights import Weights, dump
+from service.mapping import MappingSpec, compose, initial_theta
+from service.picture import draw
+from service.sheet import CELL, LABEL, label, rows_of_words, sheet
+
+N = 2_000
+
+
+def _spec(k: int) -> MappingSpec:
+    return MappingSpec("tiny", 3, (16,), 3, k=k)
+
+
+def _cell(image: Image.Image, row: int, column: int) -> Image.Image:
+    left, top = column * CELL, LABEL + row * (LABEL + CELL) + LABEL
+    return image.crop((left, top, left + CELL, top + CELL))
+
+
+@pytest.mark.parametrize(
+    ("k", "words"), [(2, ["A AA BA", "B AB BB"]), (3, ["AAA AAB ABB BBB"]), (4, ["AAAA AAAB AABB ABBB BBBB"])]
+)
+def test_a_sheet_shows_each_word_of_the_weights_files(k: int, words: list[str], tmp_path: Path) -> None:
+    rows = [row.split() for row in words]
+    assert rows_of_words(k) == rows
+    spec, files = _spec(k), []
+    thetas = {letter: initial_theta(spec, seed) for seed, letter in enumerate("AB")}
+    for letter, theta in thetas.items():
+        files.append(str(tmp_path / f"{letter}.safetensors"))
+        Path(files[-1]).write_bytes(dump(Weights(spec, theta, "m"), "safetensors"))
+    assert main(["compose", *files, "-o", str(tmp_path / "sheet.png"), "--n", str(N), "--seed", "3"]) == 0
+    with Image.open(tmp_path / "sheet.png") as image:
+        assert image.size == (len(rows[0]) * CELL, LABEL + len(rows) * (LABEL + CELL))
+        for row, column in np.ndindex(len(rows), len(rows[0])):
+            x = canonical_points(spec.domain, N, 3)
+            points = compose(spec, [thetas[letter] for letter in rows[row][column]], x)
+            expected = np.asarray(Image.fromarray(draw(points, 2 * CELL)).reduce(2))
+            shown = np.asarray(_cell(image, row, column))
+            assert (expected < 255).any()
+            assert (shown == expected).mean() > 0.995, rows[row][column]  # a rounded point may fall a pixel further
+
+
+def test_labels_tell_what_is_computed() -> None:
+    assert [label(word, 2) for word in ("A", "AB", "BB")] == ["A(x)", "AB = A(B(x))", "BB = B(B(x)), the object B"]
+    assert label("AABB", 4) == "AABB = A(A(B(B(x))))"
+
+
+def test_cells_are_named_and_rows_may_differ_in_length() -> None:
+    point = np.zeros((1, 3), np.float32)
+    image = sheet([[("one", point)], [("two", point), ("three", point)]], cell=100)
+    assert image.size == (200, 2 * (LABEL + 100))
+    ink = np.asarray(image).min(axis=2) < 255
+    assert ink[:LABEL, :100].any()
+    assert not ink[: LABEL + 100, 100:].any()
+    assert ink[LABEL + 100 : 2 * LABEL + 100, 100:].any()
