@@ -78,7 +78,8 @@ def _serving(core: int) -> Iterator[tuple[str, int]]:
     with tempfile.TemporaryDirectory() as folder:
         port = _free_port()
         command = [str(Path(sys.executable).with_name("hof")), "serve", "--port", str(port), "--threads", "1"]
-        environment = {**os.environ, "HOF_DATABASE_URL": f"sqlite:///{folder}/hof.db", "HOF_LOG_LEVEL": "warning"}
+        settings = {"DATABASE_URL": f"sqlite:///{folder}/hof.db", "LOG_LEVEL": "warning", "DRAIN_S": "0"}
+        environment = {**os.environ, **{f"HOF_{name}": value for name, value in settings.items()}}
         server = subprocess.Popen(command, env=environment)  # noqa: S603
         os.sched_setaffinity(server.pid, {core})
         try:

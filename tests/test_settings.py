@@ -42,6 +42,8 @@ def test_environment_sets_every_field(monkeypatch: pytest.MonkeyPatch) -> None:
         "max_weights_bytes": 3,
         "max_points": 4,
         "threads": 5,
+        "drain_s": 7.5,
+        "shutdown_s": 8,
         "log_level": "error",
     }
     for name, value in values.items():
