@@ -8,10 +8,10 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from http import HTTPStatus
+from http.client import HTTPConnection
 from pathlib import Path
 from typing import Final
-
-import httpx
 
 START_TIMEOUT_S: Final = 120
 
@@ -48,8 +48,13 @@ def serving(database_url: str, *prefix: str, **settings: object) -> Iterator[Ser
 
 
 def is_ready(url: str) -> bool:
-    """Whether a new connection is told that the service is ready. Raises httpx.ConnectError where none is taken."""
-    return httpx.get(f"{url}/health/ready", timeout=30).status_code == httpx.codes.OK
+    """Whether a new connection is told that the service is ready. Raises ConnectionError where none is taken."""
+    connection = HTTPConnection(url.removeprefix("http://"), timeout=30)
+    try:
+        connection.request("GET", "/health/ready")
+        return connection.getresponse().status == HTTPStatus.OK
+    finally:
+        connection.close()
 
 
 def _wait(url: str, process: subprocess.Popen[bytes]) -> None:
@@ -58,7 +63,7 @@ def _wait(url: str, process: subprocess.Popen[bytes]) -> None:
         try:
             if is_ready(url):
                 return
-        except httpx.ConnectError:
+        except ConnectionError:
             time.sleep(0.05)
     raise RuntimeError("hof serve did not become ready")
 

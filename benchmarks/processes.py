@@ -35,6 +35,7 @@ def serving(
         set_for_all = {
             "HOF_DATABASE_URL": f"sqlite:///{folder}/hof.db",
             "HOF_LOG_LEVEL": "warning",
+            "HOF_DRAIN_S": "0",
             "PYTHONPATH": str(ROOT),
             "OPENBLAS_NUM_THREADS": "1",
             "OMP_NUM_THREADS": "1",

@@ -67,7 +67,8 @@ def serving() -> Iterator[str]:
     with socket.create_server(("127.0.0.1", 0)) as probe:
         port = str(probe.getsockname()[1])
     with tempfile.TemporaryDirectory() as folder:
-        environment = {**os.environ, "HOF_DATABASE_URL": f"sqlite:///{folder}/hof.db", "HOF_LOG_LEVEL": "warning"}
+        settings = {"DATABASE_URL": f"sqlite:///{folder}/hof.db", "LOG_LEVEL": "warning", "DRAIN_S": "0"}
+        environment = {**os.environ, **{f"HOF_{name}": value for name, value in settings.items()}}
         hof = str(Path(sys.executable).with_name("hof"))  # of the environment that runs this
         server = subprocess.Popen([hof, "serve", "--host", "127.0.0.1", "--port", port], env=environment)  # noqa: S603
         try:

@@ -90,7 +90,7 @@ def test_the_service_runs_where_torch_and_model_cannot_be_imported(
 ) -> None:
     log = tmp_path / "log"
     command = [sys.executable, "-c", WITHOUT_TRAINING_CODE, "serve", "--port", "0", "--model", str(model_path)]
-    command += ["--database-url", f"sqlite:///{tmp_path / 'hof.db'}"]
+    command += ["--database-url", f"sqlite:///{tmp_path / 'hof.db'}", "--drain-s", "0"]
     root = Path(__file__).parents[1]
     with log.open("wb") as file:
         process = subprocess.Popen(command, stderr=file, cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(root)})

@@ -1,5 +1,6 @@
 """What was acknowledged is there after SIGKILL; SIGTERM loses no call. Real processes under write load."""
 
+import contextlib
 import random
 import signal
 import socket
@@ -62,11 +63,9 @@ def _closes(served: Served) -> threading.Thread:
     """A thread that ends once the server takes no connection any more."""
 
     def probe() -> None:
-        try:
+        with contextlib.suppress(ConnectionError):
             while True:
                 is_ready(served.url)
-        except httpx.TransportError:
-            return
 
     thread = threading.Thread(target=probe)
     thread.start()

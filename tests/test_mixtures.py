@@ -91,13 +91,9 @@ def test_figures_are_the_distances_of_the_clouds_that_the_model_draws(
             encoder.encode(preprocess(png(objects[id_].views[1]), encoder.framing).tensor)[0].theta
             for id_ in (id_a, id_b)
         )
-        words: dict[str, tuple[Array, ...]] = {
-            "A": (a, a),
-            "B": (b, b),
-            "AB": (a, b),
-            "BA": (b, a),
-            AVERAGE: ((a + b) / 2,) * 2,
-        }
+        mean: Array = ((a + b) / 2).astype(np.float32)
+        words: dict[str, tuple[Array, Array]] = {"A": (a, a), "B": (b, b), "AB": (a, b), "BA": (b, a)}
+        words[AVERAGE] = (mean, mean)
         assert found.figures.keys() == words.keys()
         for name, word in words.items():
             cloud = Sampler(encoder.spec, word).points(POINTS)

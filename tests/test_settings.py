@@ -71,6 +71,8 @@ def test_environment_sets_every_field(monkeypatch: pytest.MonkeyPatch) -> None:
         "metrics": "key",
         "rate_limit": "7/minute",
         "cors_origins": "https://a.example,http://b.example:8000",
+        "drain_s": 7.5,
+        "shutdown_s": 8,
         "log_level": "error",
         "log_format": "text",
     }
