@@ -17,7 +17,7 @@ from service.encoder import Encoder
 from service.errors import InvalidParameter
 from service.matting import Matting
 from service.openapi import openapi_text
-from service.routes import compose, encode, health, objects, viewer
+from service.routes import compose, encode, health, mesh, objects, viewer
 from service.runtime import Runtime
 from service.sampler import hold_blas_to_one_thread
 from service.schemas import Problem
@@ -53,7 +53,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.state.runtime = None
     problems.install(app)
     app.add_middleware(HeadAsGet)
-    for module in (encode, compose, objects, health):
+    for module in (encode, compose, objects, mesh, health):
         app.include_router(module.router, responses=RESPONSES)
     _serve_schema(app)
     app.router.routes.extend(viewer.routes)

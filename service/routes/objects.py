@@ -122,16 +122,16 @@ async def points(request: Request, id_: ObjectId, query: Annotated[PointsQuery, 
 
     The first m points of n are the points of m; `offset` goes on where another call stopped.
     """
-    fmt = POINT_FORMATS[query.format] if query.format else negotiate(request.headers.get("accept"))
+    fmt = POINT_FORMATS[query.format] if query.format else negotiate(request.headers.get("accept"), POINT_FORMATS.values())
     check_size(fmt, query.n, runtime.settings.max_points)
     record, theta = await runtime.store.get(id_)
     cloud = query.cloud(record.spec, theta)
     squeezed = fmt.is_text and accepts_gzip(request.headers.get("accept-encoding"))
     tag = etag(id_, fmt.name, query.model_dump(exclude={"format"}), squeezed)
-    headers = _cached(tag) | {"Vary": "Accept, Accept-Encoding"}
+    headers = cached(tag) | {"Vary": "Accept, Accept-Encoding"}
     if is_fresh(request.headers.get("if-none-match"), tag):
         return Response(status_code=304, headers=headers)
-    headers |= _attachment(id_, fmt.extension)
+    headers |= attachment(id_, fmt.extension)
     length = fmt.length(query.n)
     if length is not None:
         headers["Content-Length"] = str(length)
@@ -164,20 +164,22 @@ async def weights(request: Request, id_: ObjectId, query: Annotated[WeightsQuery
     An ONNX file holds them as one function, x -> points, which runs anywhere.
     """
     record, theta = await runtime.store.get(id_)
-    headers = _cached(etag(id_, query.format))
+    headers = cached(etag(id_, query.format))
     if is_fresh(request.headers.get("if-none-match"), headers["ETag"]):
         return Response(status_code=304, headers=headers)
     word = record.members if record.kind == "composed" else ()
     data = await runtime.run(dump, Weights(record.spec, theta, record.model, word), query.format)
     fmt = WEIGHT_FORMATS[query.format]
-    return Response(data, headers=headers | _attachment(id_, fmt.extension), media_type=fmt.media_type)
+    return Response(data, headers=headers | attachment(id_, fmt.extension), media_type=fmt.media_type)
 
 
-def _cached(tag: str) -> dict[str, str]:
+def cached(tag: str) -> dict[str, str]:
+    """Headers of an answer that may be kept."""
     return {"ETag": tag, "Cache-Control": CACHE_CONTROL}
 
 
-def _attachment(id_: str, extension: str) -> dict[str, str]:
+def attachment(id_: str, extension: str) -> dict[str, str]:
+    """The header that names the file."""
     return {"Content-Disposition": f'attachment; filename="hof-{id_}{extension}"'}
 
 
