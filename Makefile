@@ -33,9 +33,10 @@ lint: .venv/dev.stamp ## ruff and mypy
 bench: .venv/bench.stamp ## measure sampler, decoders and service on an idle machine; writes benchmarks/RESULTS.md
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.run
 
-results: .venv/dev.stamp .venv/system.stamp ## build the data set, evaluate the shipped model: RESULTS.md
+results: .venv/bench.stamp .venv/system.stamp ## build the data set, evaluate the shipped model: RESULTS.md
 	$(BIN)/hof-model data build
 	$(BIN)/hof-model data vary --variants 0
+	$(BIN)/hof-model surfaces
 	$(BIN)/hof-model results
 
 openapi: .venv/service.stamp ## write openapi.json as the service serves it

@@ -42,6 +42,12 @@ def _parser() -> argparse.ArgumentParser:
     _add_common(stage)
     stage.add_argument("--run", type=Path, default=RUN, dest="folder")
     stage.add_argument("-o", "--output", type=Path, default=SHIPPED)
+    stage = stages.add_parser("surfaces", help="measure ways to make a surface, for RESULTS.md")
+    stage.set_defaults(run=_surfaces)
+    _add_common(stage)
+    stage.add_argument("--model", type=Path, default=SHIPPED)
+    stage.add_argument("--split", choices=("train", "val", "test"), default="test")
+    stage.add_argument("-o", "--out", type=Path, default=ROOT, help="the folder that gets model/results/surfaces.json")
     stage = stages.add_parser("results", help="evaluate the shipped weights, write RESULTS.md")
     stage.set_defaults(run=_results)
     _add_common(stage)
@@ -238,6 +244,15 @@ def _export(arguments: argparse.Namespace) -> None:
     card_page = page(card, config.spec.size, output.stat().st_size)
     (output.parent / "README.md").write_text(card_page, encoding="utf-8")
     print(f"{output}: {output.stat().st_size:,} bytes")
+
+
+def _surfaces(arguments: argparse.Namespace) -> None:
+    from model.report import FOLDER
+    from model.surfaces import FILE, measure_surfaces, section
+
+    found = measure_surfaces(arguments.model, arguments.data, arguments.split, arguments.seed)
+    found.write(arguments.out / FOLDER / FILE)
+    print(section(found))
 
 
 def _results(arguments: argparse.Namespace) -> None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from model import tables
+from model import surfaces, tables
 from model.asked import asked_table, checks
 from model.classes import class_of
 from model.comparison import COUNTS, ORACLE, RETRIEVAL, encoder_record, references
@@ -53,11 +53,12 @@ class Shipped:
 def report(model: Path, data: Path, split: Split, root: Path, seed: int = 0) -> str:
     """Evaluate an ONNX file, then write `root/RESULTS.md`, `root/model/results/<model>.json` and its pictures.
 
-    Every other record in `root/model/results` enters the tables. Returns the table of asked figures.
+    Every other record in `root/model/results` enters the tables, and so do the surfaces that `hof-model surfaces`
+    measured. Returns the table of asked figures.
 
     Raises
     ------
-    FileNotFoundError : no data set, or `hof-model data vary` has not been run.
+    FileNotFoundError : no data set, or `hof-model data vary` or `hof-model surfaces` has not been run.
     ValueError : a record is of other objects.
     """
     encoder = Encoder.open(model, threads=1)
@@ -72,7 +73,8 @@ def report(model: Path, data: Path, split: Split, root: Path, seed: int = 0) -> 
     others = read_others(folder, ours)
     classes = [class_of(case.entry) for case in objects]
     asked = asked_table(checks(_evaluations(ours, others), ours.method, classes, shipped.bytes_, shipped.ms))
-    (root / "RESULTS.md").write_text(markdown(ours, others, shipped, classes, asked), encoding="utf-8")
+    measured = surfaces.Trials.read(folder / surfaces.FILE)
+    (root / "RESULTS.md").write_text(markdown(ours, others, shipped, classes, asked, measured), encoding="utf-8")
     return asked
 
 
@@ -84,7 +86,7 @@ def read_others(folder: Path, ours: Record) -> list[Record]:
     ValueError : a record is of other objects than ours.
     """
     found = []
-    for path in sorted(folder.glob("*.json")):
+    for path in sorted(set(folder.glob("*.json")) - {folder / surfaces.FILE}):
         record = Record.read(path)
         if record.method == ours.method:
             continue
@@ -94,7 +96,14 @@ def read_others(folder: Path, ours: Record) -> list[Record]:
     return found
 
 
-def markdown(ours: Record, others: Sequence[Record], shipped: Shipped, classes: Sequence[str], asked: str) -> str:
+def markdown(
+    ours: Record,
+    others: Sequence[Record],
+    shipped: Shipped,
+    classes: Sequence[str],
+    asked: str,
+    measured: surfaces.Trials,
+) -> str:
     """The whole page; `classes` of the objects in order, `asked` the table of asked figures."""
     evaluations = _evaluations(ours, others)
     decoders = {record.method: record.decoder for record in (ours, *others) if record.decoder}
@@ -105,6 +114,7 @@ def markdown(ours: Record, others: Sequence[Record], shipped: Shipped, classes: 
             _comparison(evaluations, decoders, ours.method),
             _classes(evaluations, classes, [ours.method, RETRIEVAL, ORACLE]),
             f"## Points\n\n{tables.by_count(evaluations, ours.method)}",
+            surfaces.section(measured),
             _conditions(evaluations, [ours.method, RETRIEVAL]),
             _trained(others),
             f"## The paper's own figures\n\nAnother data set (ShapeNet) and scale: not to be compared.\n\n{PAPER}",

@@ -92,7 +92,7 @@ class MeshQuery(NoQuery):
         default=RESOLUTION,
         ge=RESOLUTIONS[0],
         le=RESOLUTIONS[1],
-        description="cells along the longest side",
+        description="20 resolution^2 triangles, of which those that the function tears apart are left out",
     )
     scale: float = Field(
         default=1.0,

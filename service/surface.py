@@ -1,8 +1,8 @@
 """An object's surface: a triangulated canonical domain, pushed through the mapping function (paper, section 3.1).
 
-f is continuous, so what it makes of a closed mesh is connected as the mesh is: no points have to be joined by
-guessing. A sphere is one icosphere; of a solid domain several shells, one inside the other, come out as layers of
-the object. Where f throws parts of the object apart it stretches what lies between: such triangles are cut.
+f is continuous, so what it makes of a mesh hangs together as the mesh does: no points have to be joined by guess.
+The sphere is one icosphere; of a solid domain several shells, one inside the other, come out as layers of the
+object. Where f moves parts of the object apart it stretches what lies between: such triangles are cut.
 How it compares with grids, Poisson and ball pivoting is in RESULTS.md.
 """
 
@@ -19,11 +19,12 @@ from service.mapping import Array, Domain
 from service.sampler import Sampler
 
 Indices = npt.NDArray[np.uint32]
+Values = npt.NDArray[np.float64]
 
-RESOLUTION: Final = 32
-RESOLUTIONS: Final = (4, 96)
-SHELLS: Final[dict[Domain, int]] = {"sphere": 1, "ball": 6, "cube": 6, "ball4": 6}
-LIMIT: Final = 3.0
+RESOLUTION: Final = 64
+RESOLUTIONS: Final = (8, 160)
+SHELLS: Final[dict[Domain, int]] = {"sphere": 1, "ball": 12, "cube": 12, "ball4": 12}
+MOST_STRETCH: Final = 6.0  # of a triangle's area, in medians of all; chosen on the validation split
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +47,7 @@ def surface_of(sampler: Sampler, resolution: int = RESOLUTION, scale: float = 1.
     Parameters
     ----------
     sampler : the object.
-    resolution : how many parts each edge of the icosahedron is cut into.
+    resolution : there are 20 resolution^2 triangles, before any are cut.
     scale : length of the object's longest side, in any unit.
 
     Raises
@@ -55,7 +56,7 @@ def surface_of(sampler: Sampler, resolution: int = RESOLUTION, scale: float = 1.
     """
     points, triangles = shells(sampler.domain, resolution)
     vertices = sampler.map(points, scale)
-    kept = triangles[_stretch(points, vertices, triangles) <= LIMIT]
+    kept = triangles[_stretch(points, vertices, triangles) <= MOST_STRETCH]
     used, corners = np.unique(kept, return_inverse=True)
     vertices, kept = vertices[used], corners.reshape(-1, 3).astype(np.uint32)
     return Surface(vertices, kept, _normals(vertices, kept))
@@ -68,12 +69,12 @@ def shells(domain: Domain, resolution: int) -> tuple[Array, Indices]:
     The sphere is itself. Of a ball each shell is the middle of an equal share of the volume, of the cube likewise;
     of the ball in four dimensions each is a sphere in three of them.
     """
-    sphere, triangles = icosphere(resolution)
+    count = SHELLS[domain]
+    sphere, triangles = icosphere(max(1, round(resolution / math.sqrt(count))))
     if domain == "sphere":
         return sphere, triangles
-    count = SHELLS[domain]
     if domain == "cube":
-        sphere = sphere / np.abs(sphere).max(axis=1, keepdims=True)
+        sphere /= np.abs(sphere).max(axis=1, keepdims=True)
     layers = []
     for index in range(count):
         layer = np.insert(sphere, index % 4, 0, axis=1) if domain == "ball4" else sphere
@@ -83,7 +84,7 @@ def shells(domain: Domain, resolution: int) -> tuple[Array, Indices]:
 
 
 def icosphere(resolution: int) -> tuple[Array, Indices]:
-    """The unit sphere as 20 r^2 triangles over 10 r^2 + 2 points, by cutting each edge of the icosahedron into r parts."""
+    """The unit sphere as 20 r^2 triangles over 10 r^2 + 2 points: each edge of an icosahedron in r parts."""
     corners, faces = _icosahedron()
     i, j = (part.ravel() for part in np.indices((resolution + 1, resolution + 1)))
     inside = i + j <= resolution
@@ -103,10 +104,10 @@ def icosphere(resolution: int) -> tuple[Array, Indices]:
     return sphere.astype(np.float32), triangles.astype(np.uint32)
 
 
-def cross_products(vertices: Array, triangles: Indices) -> Array:
+def cross_products(vertices: Array, triangles: Indices) -> Values:
     """Of two edges of each triangle, (t, 3): its normal, twice its area long."""
-    a, b, c = (vertices[corner] for corner in triangles.T)
-    products: Array = np.cross(b - a, c - a)
+    a, b, c = (vertices[corner].astype(np.float64) for corner in triangles.T)
+    products: Values = np.cross(b - a, c - a)
     return products
 
 
@@ -123,18 +124,21 @@ def _icosahedron() -> tuple[npt.NDArray[np.float64], npt.NDArray[np.intp]]:
     return corners, faces
 
 
-def _stretch(points: Array, vertices: Array, triangles: Indices) -> Array:
-    """How much larger f makes each triangle, by its longest edge, than the median of all: (t,)."""
-    before, after = _longest(points, triangles), _longest(vertices, triangles)
-    stretch: Array = after / before
-    return stretch / max(np.median(stretch), np.finfo(np.float32).tiny)
+def _stretch(points: Array, vertices: Array, triangles: Indices) -> Values:
+    """How many times larger f makes each triangle, in medians of all: (t,)."""
+    stretch = _areas(vertices, triangles) / _areas(points, triangles)
+    median = float(np.median(stretch))
+    return stretch / median if median else np.zeros_like(stretch)
 
 
-def _longest(points: Array, triangles: Indices) -> Array:
-    """Each triangle's longest edge, (t,)."""
-    corners = points[triangles]  # (t, 3, d)
-    lengths: Array = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    return lengths
+def _areas(points: Array, triangles: Indices) -> Values:
+    """Of each triangle, in any number of dimensions: (t,)."""
+    a, b, c = (points[corner].astype(np.float64) for corner in triangles.T)
+    b -= a
+    c -= a
+    squares = [np.einsum("td,td->t", *pair) for pair in ((b, b), (c, c), (b, c))]
+    areas: Values = np.sqrt(np.maximum(squares[0] * squares[1] - squares[2] ** 2, 0)) / 2
+    return areas
 
 
 def _normals(vertices: Array, triangles: Indices) -> Array:

@@ -127,7 +127,9 @@ def test_a_composed_object_has_a_surface_of_its_own(client: httpx.Client, photo:
         client.post("/encode", content=content).json()["id"] for content in (photo, image_file(disc("blue")))
     )
     word = client.post("/compose", json={"objects": [first, second]}).json()
-    composed, plain = (_mesh(client, path, "glb", resolution=8) for path in (word["links"]["mesh"], f"/objects/{first}/mesh"))
+    composed, plain = (
+        _mesh(client, path, "glb", resolution=8) for path in (word["links"]["mesh"], f"/objects/{first}/mesh")
+    )
     assert not np.array_equal(composed.vertices, plain.vertices)
     points = np.load(io.BytesIO(client.get(word["links"]["points"] + "?format=npy").content))
     np.testing.assert_allclose(composed.centroid, points.mean(axis=0), atol=0.2 * np.ptp(points))

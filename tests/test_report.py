@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 import small_data
 from PIL import Image
+from small_trials import trials
 
 from model import cli
 from model.records import Record
@@ -24,13 +25,15 @@ def root(data: Path, model_path: Path, tmp_path_factory: pytest.TempPathFactory)
     rival = Record.read(folder / "model/results/rival.json")
     renamed = replace(rival, method="rival", evaluations=tuple(replace(e, method="rival") for e in rival.evaluations))
     renamed.write(folder / "model/results/rival.json")
+    trials(0.39, 50).write(folder / "model/results/surfaces.json")
     assert cli.main(["results", "--model", str(model_path), "--data", str(data), "-o", str(folder)]) == 0
     return folder
 
 
 def test_the_page_holds_every_table(root: Path) -> None:
     page = (root / "RESULTS.md").read_text()
-    for head in ("Asked and measured", "Comparison", "Classes", "Points", "Harder images", "not shipped", "Pictures"):
+    heads = ("Asked and measured", "Comparison", "Classes", "Points", "Surfaces", "Harder images", "not shipped")
+    for head in (*heads, "Pictures"):
         assert head in page
     assert "| rival |" in page
     assert page.count("| tiny-k2 |") >= 6  # once compared, five conditions

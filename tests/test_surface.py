@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from service.mapping import Array, MappingSpec, initial_theta, power
-from service.sampler import Sampler
+from service.sampler import SCALES, Sampler
 from service.surface import RESOLUTIONS, SHELLS, Surface, icosphere, shells, surface_of
 
 SPHERE = MappingSpec("six", input_dim=3, hidden=(6,), output_dim=3, k=2, domain="sphere")
@@ -52,18 +52,24 @@ def test_f_is_applied_k_times_and_scaled() -> None:
     np.testing.assert_allclose(extents, [6, 1.5, 3.84], rtol=0.02)
 
 
+def test_a_surface_of_any_size_has_its_normals() -> None:
+    small, large = (_surface(SPHERE, _linear((1, 0.5, 0.8)), scale=scale) for scale in SCALES)
+    np.testing.assert_allclose(small.normals, large.normals, atol=1e-4)
+
+
 @pytest.mark.parametrize("domain", SHELLS)
 def test_shells_lie_in_their_domain_and_are_closed(domain: str) -> None:
     spec = MappingSpec("any", 4 if domain == "ball4" else 3, (8,), 3, domain=domain)  # type: ignore[arg-type]
-    points, triangles = shells(spec.domain, 6)
+    points, triangles = shells(spec.domain, 15)
+    each = round(15 / SHELLS[spec.domain] ** 0.5)
     size = np.abs(points).max(axis=1) if domain == "cube" else np.linalg.norm(points, axis=1)
     assert size.max() <= 1 + 1e-6
-    assert len(triangles) == SHELLS[spec.domain] * 20 * 6**2
-    assert len(np.unique(triangles)) == len(points) == SHELLS[spec.domain] * (10 * 6**2 + 2)
+    assert len(triangles) == SHELLS[spec.domain] * 20 * each**2
+    assert len(np.unique(triangles)) == len(points) == SHELLS[spec.domain] * (10 * each**2 + 2)
     if spec.input_dim == 3:
         assert trimesh.Trimesh(points, triangles, process=False).is_watertight
     theta = initial_theta(spec)
-    surface = _surface(spec, theta, 6)
+    surface = _surface(spec, theta, 15)
     expected = power(spec, theta, points)
     distances = np.linalg.norm(surface.vertices[:20, None] - expected, axis=2).min(axis=1)
     assert distances.max() < 1e-5

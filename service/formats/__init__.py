@@ -13,6 +13,8 @@ from service.sampler import bounds as bounds_of
 class _Format(Protocol):
     @property
     def media_type(self) -> str: ...
+    @property
+    def extension(self) -> str: ...
 
 
 Format = TypeVar("Format", bound=_Format)

@@ -14,6 +14,6 @@ def dump(surface: Surface) -> bytes:
     """The whole file: 84 bytes, then 50 a triangle."""
     normals = cross_products(surface.vertices, surface.triangles)
     records = np.zeros(len(surface.triangles), _TRIANGLE)
-    records["normal"] = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(np.float32).tiny)
+    records["normal"] = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(np.float64).tiny)
     records["corners"] = surface.vertices[surface.triangles]
     return _HEADER.ljust(80) + np.uint32(len(records)).astype("<u4").tobytes() + records.tobytes()

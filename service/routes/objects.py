@@ -122,7 +122,8 @@ async def points(request: Request, id_: ObjectId, query: Annotated[PointsQuery, 
 
     The first m points of n are the points of m; `offset` goes on where another call stopped.
     """
-    fmt = POINT_FORMATS[query.format] if query.format else negotiate(request.headers.get("accept"), POINT_FORMATS.values())
+    accept = request.headers.get("accept")
+    fmt = POINT_FORMATS[query.format] if query.format else negotiate(accept, POINT_FORMATS.values())
     check_size(fmt, query.n, runtime.settings.max_points)
     record, theta = await runtime.store.get(id_)
     cloud = query.cloud(record.spec, theta)

@@ -55,6 +55,11 @@ export async function fetchFile(path) {
   return { blob: await answer.blob(), name };
 }
 
+/** The bytes of a path, whole. */
+export async function fetchBytes(path, signal) {
+  return (await call(path, { signal })).arrayBuffer();
+}
+
 /** Where points of an object are. */
 export function pointsPath(object, query) {
   return `${object.links.points}?${new URLSearchParams(query)}`;
@@ -73,8 +78,7 @@ export async function streamPoints(object, query, signal, take) {
 
 /** Fetch points, float32, at once: x, y, z of each, flat. */
 export async function fetchPoints(object, query) {
-  const answer = await call(pointsPath(object, { ...query, format: "f32" }));
-  return new Float32Array(await answer.arrayBuffer());
+  return new Float32Array(await fetchBytes(pointsPath(object, { ...query, format: "f32" })));
 }
 
 export { BYTES_PER_POINT };

@@ -1,4 +1,4 @@
-// The points of one object, on the graphics card.
+// The points of one object, on the graphics card, and its surface where that is asked for.
 import { BufferAttribute, BufferGeometry, DynamicDrawUsage, Points, Scene } from "three";
 
 import { BYTES_PER_POINT } from "./api.js";
@@ -53,7 +53,19 @@ export class Cloud {
     this.points.geometry.setDrawRange(0, Math.min(n, this.count));
   }
 
+  /** Draw a surface (Mesh) in place of the points; none brings them back. */
+  setSurface(mesh) {
+    if (this.surface) {
+      this.scene.remove(this.surface);
+      this.surface.geometry.dispose();
+    }
+    this.surface = mesh;
+    if (mesh) this.scene.add(mesh);
+    this.points.visible = !mesh;
+  }
+
   dispose() {
+    this.setSurface();
     this.points.geometry.dispose();
   }
 }
