@@ -56,7 +56,12 @@ def _document(surface: Surface, source: dict[str, str]) -> dict[str, Any]:
         "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0}],
         "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "NORMAL": 1}, "indices": 2, "material": 0}]}],
-        "materials": [{"pbrMetallicRoughness": {"baseColorFactor": _GREY, "metallicFactor": 0, "roughnessFactor": 1}}],
+        "materials": [
+            {
+                "pbrMetallicRoughness": {"baseColorFactor": _GREY, "metallicFactor": 0, "roughnessFactor": 1},
+                "doubleSided": True,
+            }
+        ],
         "accessors": [
             {"bufferView": 0, **floats, "min": low, "max": high},
             {"bufferView": 1, **floats},

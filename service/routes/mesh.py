@@ -35,9 +35,10 @@ router = APIRouter(prefix="/objects", tags=["objects"])
     },
 )
 async def mesh(request: Request, id_: ObjectId, query: Annotated[MeshQuery, Query()], runtime: Ready) -> Response:
-    """A closed surface around the object's points, with normals, in the object frame (+Y up, front +Z, longest side 1).
+    """The object's surface: triangles of the canonical domain through f^k, with normals, in the object frame (+Y up,
+    front +Z, longest side 1), whatever the format.
 
-    The frame is the same in every format.
+    What f tears apart is left open, and a solid domain gives layers: for looking at, not a closed solid.
     """
     accept = request.headers.get("accept")
     fmt = MESH_FORMATS[query.format] if query.format else negotiate(accept, MESH_FORMATS.values())
