@@ -1,7 +1,8 @@
 """Ways to make a surface of an object, measured: the one that the service has, and those that start from points.
 
 Every way starts from the same thetas, those of one view of an object, and is judged by points that are drawn
-uniformly from its surface. Parameters were chosen on the validation split.
+uniformly from its surface. Parameters were chosen on the validation split, but for MeshLab's, which were
+set once for so many points.
 """
 
 import json
@@ -123,7 +124,7 @@ def distance(sampler: Sampler) -> tuple[Floats, Indices]:
 
 def poisson(sampler: Sampler) -> tuple[Floats, Indices]:
     """Screened Poisson (Kazhdan and Hoppe 2013) of MeshLab, normals by 16 neighbours."""
-    parameters = {"depth": DEPTH, "threads": 1, "preclean": True}
+    parameters: dict[str, object] = {"depth": DEPTH, "threads": 1, "preclean": True}
     return _meshlab(sampler.points(SPARSE), "generate_surface_reconstruction_screened_poisson", parameters)
 
 

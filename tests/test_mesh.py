@@ -34,10 +34,10 @@ def _mesh(client: httpx.Client, path: str, name: str, **query: float) -> trimesh
 
 
 def test_every_format_holds_the_same_triangles_the_same_way_round(client: httpx.Client, path: str) -> None:
-    expected = _mesh(client, path, "glb", resolution=8)
+    expected = _mesh(client, path, "glb", resolution=16)
     assert len(expected.faces) > 1000
     for name in MESH_FORMATS:
-        mesh = _mesh(client, path, name, resolution=8)
+        mesh = _mesh(client, path, name, resolution=16)
         np.testing.assert_allclose(mesh.triangles, expected.triangles, rtol=1e-5, atol=1e-5, err_msg=name)
 
 
@@ -45,7 +45,7 @@ def test_every_format_holds_the_same_triangles_the_same_way_round(client: httpx.
 def test_normals_are_in_the_file_and_point_as_the_triangles_do(client: httpx.Client, path: str, name: str) -> None:
     text = client.get(path, params={"format": name, "resolution": 8}).content
     assert {"glb": b'"NORMAL"', "gltf": b'"NORMAL"', "obj": b"\nvn ", "ply": b"property float nx"}[name] in text
-    mesh = _mesh(client, path, name, resolution=8)
+    mesh = _mesh(client, path, name, resolution=16)
     normals = mesh.vertex_normals[mesh.faces]  # (t, 3, 3)
     np.testing.assert_allclose(np.linalg.norm(normals, axis=2), 1, atol=1e-4)
     area = mesh.area_faces > 1e-9
@@ -73,7 +73,7 @@ def test_defaults_are_glb_and_the_frame_is_scaled(client: httpx.Client, path: st
     assert plain.headers["content-type"] == "model/gltf-binary"
     assert re.fullmatch(r'attachment; filename="hof-[0-9a-f]{32}\.glb"', plain.headers["content-disposition"])
     assert plain.content == client.get(f"{path}?format=glb&scale=1").content
-    single, double = (_mesh(client, path, "ply", resolution=8, scale=scale) for scale in (1, 2))
+    single, double = (_mesh(client, path, "ply", resolution=16, scale=scale) for scale in (1, 2))
     np.testing.assert_allclose(double.vertices, 2 * single.vertices, rtol=1e-5)
 
 
@@ -128,7 +128,7 @@ def test_a_composed_object_has_a_surface_of_its_own(client: httpx.Client, photo:
     )
     word = client.post("/compose", json={"objects": [first, second]}).json()
     composed, plain = (
-        _mesh(client, path, "glb", resolution=8) for path in (word["links"]["mesh"], f"/objects/{first}/mesh")
+        _mesh(client, path, "glb", resolution=16) for path in (word["links"]["mesh"], f"/objects/{first}/mesh")
     )
     assert not np.array_equal(composed.vertices, plain.vertices)
     points = np.load(io.BytesIO(client.get(word["links"]["points"] + "?format=npy").content))

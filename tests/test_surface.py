@@ -14,7 +14,10 @@ SPHERE = MappingSpec("six", input_dim=3, hidden=(6,), output_dim=3, k=2, domain=
 def _linear(factors: tuple[float, float, float]) -> Array:
     """theta of x -> factors * x, by relu(x) - relu(-x)."""
     eye = np.eye(3, dtype=np.float32)
-    first, second = np.concatenate([eye, -eye]), np.concatenate([eye, -eye], axis=1) * np.float32(factors)[:, None]
+    first, second = (
+        np.concatenate([eye, -eye]),
+        np.concatenate([eye, -eye], axis=1) * np.array(factors, np.float32)[:, None],
+    )
     return np.concatenate([first.ravel(), np.zeros(6), second.ravel(), np.zeros(3)], dtype=np.float32)
 
 

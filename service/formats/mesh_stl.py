@@ -1,5 +1,6 @@
 """STL of a surface, binary: each triangle by itself, with its own normal.."""
 
+import struct
 from typing import Final
 
 import numpy as np
@@ -16,4 +17,4 @@ def dump(surface: Surface) -> bytes:
     records = np.zeros(len(surface.triangles), _TRIANGLE)
     records["normal"] = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(np.float64).tiny)
     records["corners"] = surface.vertices[surface.triangles]
-    return _HEADER.ljust(80) + np.uint32(len(records)).astype("<u4").tobytes() + records.tobytes()
+    return struct.pack("<80sI", _HEADER, len(records)) + records.tobytes()
