@@ -36,10 +36,11 @@ bench: .venv/bench.stamp ## measure sampler, decoders and service on an idle mac
 load: .venv/peers/stamp ## overload, peers and a soak, on an idle machine of two cores; writes benchmarks/LOAD.md
 	$(BIN)/python -m benchmarks.load --soak --peers .venv/peers
 
-results: .venv/dev.stamp .venv/system.stamp ## build the data set, evaluate the shipped models: RESULTS.md
+results: .venv/bench.stamp .venv/system.stamp ## build the data set, evaluate the shipped models: RESULTS.md
 	$(BIN)/hof-model data build
 	$(BIN)/hof-model data vary --variants 0
 	for model in model/weights/*.onnx; do $(BIN)/hof-model mixtures --model $$model || exit; done
+	$(BIN)/hof-model surfaces
 	$(BIN)/hof-model results
 
 openapi: .venv/service.stamp ## write openapi.json as the service serves it

@@ -59,6 +59,12 @@ def _parser() -> argparse.ArgumentParser:
     stage.add_argument("--model", type=Path, default=SHIPPED, help="an exported encoder, k of 2 or more")
     stage.add_argument("--split", choices=("train", "val", "test"), default="test")
     stage.add_argument("-o", "--out", type=Path, default=ROOT, help="the folder that gets model/results")
+    stage = stages.add_parser("surfaces", help="measure ways to make a surface, for RESULTS.md")
+    stage.set_defaults(run=_surfaces)
+    _add_common(stage)
+    stage.add_argument("--model", type=Path, default=SHIPPED)
+    stage.add_argument("--split", choices=("train", "val", "test"), default="test")
+    stage.add_argument("-o", "--out", type=Path, default=ROOT, help="the folder that gets model/results/surfaces.json")
     stage = stages.add_parser("results", help="evaluate the shipped weights, write RESULTS.md")
     stage.set_defaults(run=_results)
     _add_common(stage)
@@ -285,6 +291,15 @@ def _mixtures(arguments: argparse.Namespace) -> None:
 
     encoder = Encoder.open(arguments.model, threads=1)
     print(write(encoder, arguments.data, arguments.split, arguments.out, arguments.seed))
+
+
+def _surfaces(arguments: argparse.Namespace) -> None:
+    from model.report import FOLDER
+    from model.surfaces import FILE, measure_surfaces, section
+
+    found = measure_surfaces(arguments.model, arguments.data, arguments.split, arguments.seed)
+    found.write(arguments.out / FOLDER / FILE)
+    print(section(found))
 
 
 def _results(arguments: argparse.Namespace) -> None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from model import mixture_report, tables
+from model import mixture_report, surfaces, tables
 from model.asked import asked_table, checks
 from model.classes import class_of
 from model.color_figures import color_record, color_section
@@ -55,11 +55,11 @@ def report(models: Sequence[Path], data: Path, split: Split, root: Path, seed: i
     """Evaluate ONNX files; write `root/RESULTS.md`, `root/model/results/<model>.json` and the first one's pictures.
 
     The page is about the first. The others and every other record in `root/model/results` enter the tables, as does
-    what `hof-model mixtures` wrote there. Returns the table of asked figures.
+    what `hof-model mixtures` and `hof-model surfaces` wrote there. Returns the table of asked figures.
 
     Raises
     ------
-    FileNotFoundError : no data set, or `hof-model data vary` has not been run.
+    FileNotFoundError : no data set, or `hof-model data vary` or `hof-model surfaces` has not been run.
     ValueError : a record is of other objects.
     """
     model, *beside = models
@@ -80,7 +80,8 @@ def report(models: Sequence[Path], data: Path, split: Split, root: Path, seed: i
         color.write(folder / "color" / f"{encoder.name}.json")
     classes = [class_of(case.entry) for case in objects]
     asked = asked_table(checks(_evaluations(ours, others), ours.method, classes, shipped.bytes_, shipped.ms))
-    sections = [mixture_report.section(root), color_section(color) if color else ""]
+    measured = surfaces.section(surfaces.Trials.read(folder / surfaces.FILE))
+    sections = [measured, mixture_report.section(root), color_section(color) if color else ""]
     page = markdown(ours, others, shipped, classes, asked, [section for section in sections if section])
     (root / "RESULTS.md").write_text(page, encoding="utf-8")
     return asked
@@ -94,7 +95,7 @@ def read_others(folder: Path, ours: Record) -> list[Record]:
     ValueError : a record is of other objects than ours.
     """
     found = []
-    for path in sorted(folder.glob("*.json")):
+    for path in sorted(set(folder.glob("*.json")) - {folder / surfaces.FILE}):
         if path.name.startswith(mixture_report.PREFIX):
             continue
         record = Record.read(path)

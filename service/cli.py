@@ -5,7 +5,7 @@ import io
 import json
 import os
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Final, get_args, get_origin
@@ -16,17 +16,19 @@ from service import __version__
 from service.composition import Member, check
 from service.encoder import Encoder
 from service.errors import HofError, InvalidParameter
-from service.formats import POINT_FORMATS, PointFormat, write
+from service.formats import POINT_FORMATS, Format, PointFormat, write
+from service.formats.mesh import MESH_FORMATS
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
 from service.images import Background, preprocess
 from service.keys import SCOPES, make_key
-from service.mapping import Array, Functions, MappingSpec, joined
+from service.mapping import Array, Functions, MappingSpec, joined, word_of
 from service.matting import Matting
 from service.points import check_size
-from service.queries import EncodeQuery, PointsQuery
+from service.queries import EncodeQuery, MeshQuery, PointsQuery
 from service.sampler import Sampler
 from service.settings import POINTS_CEILING, Settings
 from service.sheet import MAX_POINTS, label, rows_of_words, sheet
+from service.surface import surface_of
 
 FAILED: Final = 2
 PICTURE: Final = ".png"
@@ -85,6 +87,12 @@ def _parser() -> argparse.ArgumentParser:
     _add_sampling(sample)
     sample.set_defaults(run=_sample)
 
+    mesh = commands.add_parser("mesh", help="a weights file to a surface", description=_mesh.__doc__)
+    mesh.add_argument("weights", type=Path, help="a .safetensors file of hof or of the service")
+    _add_output(mesh, [fmt.extension for fmt in MESH_FORMATS.values()])
+    _add_fields(mesh, MeshQuery, ["resolution", "scale"])
+    mesh.set_defaults(run=_mesh)
+
     compose = commands.add_parser("compose", help="weights files to points or a picture", description=_compose.__doc__)
     compose.add_argument("weights", type=Path, nargs="+", help="k .safetensors files of one spec")
     _add_output(compose, [*(fmt.extension for fmt in POINT_FORMATS.values()), PICTURE])
@@ -120,8 +128,12 @@ def _add_output(parser: argparse.ArgumentParser, suffixes: list[str]) -> None:
 
 
 def _add_sampling(parser: argparse.ArgumentParser) -> None:
-    for name in ("n", "seed", "scale", "sampling", "color"):
-        field = PointsQuery.model_fields[name]
+    _add_fields(parser, PointsQuery, ["n", "seed", "scale", "sampling", "color"])
+
+
+def _add_fields(parser: argparse.ArgumentParser, model: type[BaseModel], names: Sequence[str]) -> None:
+    for name in names:
+        field = model.model_fields[name]
         parser.add_argument(
             f"--{name}", default=argparse.SUPPRESS, help=f"{field.description}; default: {field.default}"
         )
@@ -190,6 +202,15 @@ def _sample(arguments: argparse.Namespace) -> None:
     _write_points(arguments, weights.spec, weights.functions)
 
 
+def _mesh(arguments: argparse.Namespace) -> None:
+    """Write the surface of a weights file: the same triangles as the service gives for the object."""
+    fmt = _format(arguments.output, MESH_FORMATS)
+    query = MeshQuery(**_given(arguments, MeshQuery))
+    weights = _load(arguments.weights)
+    sampler = Sampler(weights.spec, word_of(weights.spec, weights.theta))
+    _write(arguments.output, [fmt.dump(surface_of(sampler, query.resolution, query.scale))])
+
+
 def _compose(arguments: argparse.Namespace) -> None:
     """Compose the functions of k weights files and write the points of A B: f_A(f_B(x)), the last one applied first.
     As .png: a picture of the words over two files, A and B; all of k = 2, those from A to B of a larger k."""
@@ -254,13 +275,18 @@ def _load(path: Path) -> Weights:
 
 def _points_query(arguments: argparse.Namespace) -> tuple[PointFormat, PointsQuery]:
     """What to sample, and the format that the output's suffix tells."""
-    formats = {fmt.extension: fmt for fmt in POINT_FORMATS.values()}
-    suffix = arguments.output.suffix
-    if suffix not in formats:
-        raise InvalidParameter(f"{arguments.output}: no format has the suffix {suffix!r}, only {', '.join(formats)}")
+    fmt = _format(arguments.output, POINT_FORMATS)
     query = PointsQuery(**_given(arguments, PointsQuery))
-    check_size(formats[suffix], query.n, POINTS_CEILING)
-    return formats[suffix], query
+    check_size(fmt, query.n, POINTS_CEILING)
+    return fmt, query
+
+
+def _format(path: Path, formats: Mapping[str, Format]) -> Format:
+    """The format that a file's suffix tells. Raises InvalidParameter."""
+    suffixes = {fmt.extension: fmt for fmt in formats.values()}
+    if path.suffix not in suffixes:
+        raise InvalidParameter(f"{path}: no format has the suffix {path.suffix!r}, only {', '.join(suffixes)}")
+    return suffixes[path.suffix]
 
 
 def _write_points(arguments: argparse.Namespace, spec: MappingSpec, functions: Functions) -> None:

@@ -12,8 +12,10 @@ from service.mapping import MAX_K, Functions, MappingSpec
 from service.points import Cloud
 from service.sampler import SCALES
 from service.settings import POINTS_CEILING
+from service.surface import RESOLUTION, RESOLUTIONS
 
 PointFormatName = Literal["ply", "npy", "xyz", "json", "glb", "gltf", "pcd", "f32", "f16"]
+MeshFormatName = Literal["glb", "gltf", "obj", "stl", "ply"]
 
 MAX_SEED = 2**63 - 1
 
@@ -98,6 +100,26 @@ class PointsQuery(NoQuery):
         """The points that are asked for of an object. Raises InvalidParameter."""
         shown = Functions(functions.theta) if self.color == "none" else functions
         return Cloud(spec, shown, self.n, self.seed, self.offset, self.scale, self.sampling)
+
+
+class MeshQuery(NoQuery):
+    """How fine the surface is, and how it is written."""
+
+    resolution: int = Field(
+        default=RESOLUTION,
+        ge=RESOLUTIONS[0],
+        le=RESOLUTIONS[1],
+        description="20 resolution^2 triangles, of which those that the function tears apart are left out",
+    )
+    scale: float = Field(
+        default=1.0,
+        ge=SCALES[0],
+        le=SCALES[1],
+        description="length of the longest side, in metres say; the object's own is 1",
+    )
+    format: MeshFormatName | None = Field(
+        default=None, description="file format; wins over `Accept`; GLB where neither says"
+    )
 
 
 class WeightsQuery(NoQuery):

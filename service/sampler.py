@@ -31,6 +31,10 @@ class Sampler:
     spec : the mapping functions' common shape.
     word : spec.k thetas of (spec.size,) float32; ``[theta] * spec.k`` for an encoded object.
 
+    Attributes
+    ----------
+    domain : the canonical domain.
+
     Raises
     ------
     InvalidParameter : the word has not k functions.
@@ -40,7 +44,7 @@ class Sampler:
     def __init__(self, spec: MappingSpec, word: Sequence[Array]) -> None:
         if len(word) != spec.k:
             raise InvalidParameter(f"the word has {len(word)} functions, {spec.name} needs {spec.k}", field="word")
-        self._domain = spec.domain
+        self.domain: Final = spec.domain
         self._function = FoldedWord(spec, word) if spec.is_one_relu_layer else _Tiles(spec, word)
 
     def points(
@@ -65,10 +69,26 @@ class Sampler:
         _check(n, seed, offset, scale, sampling)
         align = self._function.align
         first = offset // align * align
+        x = span(self.domain, seed, first, -(-(offset + n) // align) * align, sampling)
+        return self._finite(x, first, slice(offset - first, offset - first + n), scale)
+
+    def map(self, x: Array, scale: float = 1.0) -> Array:
+        """The object's points for canonical points of one's own choice: (n, input_dim) float32 -> (n, 3).
+
+        Raises
+        ------
+        CorruptWeights : the function's values exceed float32.
+        """
+        n, align = len(x), self._function.align
+        padded = np.zeros((x.shape[1], -(-n // align) * align), np.float32)
+        padded[:, :n] = x.T
+        return self._finite(padded, 0, slice(n), scale)
+
+    def _finite(self, x: Array, first: int, kept: slice, scale: float) -> Array:
+        """Canonical points (input_dim, m), numbered from `first` -> those of the object that are kept, (n, 3)."""
         with np.errstate(over="ignore", invalid="ignore"):  # checked below, once
-            x = span(self._domain, seed, first, -(-(offset + n) // align) * align, sampling)
-            mapped = self._function.map(x, first)[:, offset - first : offset - first + n]
-            points = np.multiply(mapped.T, np.float32(scale), order="C")
+            mapped = self._function.map(x, first)[:, kept]
+            points: Array = np.multiply(mapped.T, np.float32(scale), order="C")
         if not np.isfinite(points).all():
             raise CorruptWeights("the mapping function's values exceed float32", field="theta")
         return points

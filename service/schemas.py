@@ -37,6 +37,7 @@ class Links(BaseModel):
 
     self_: str = Field(alias="self", examples=["/objects/2f7f3b52a9a1c0de9b1d1c4d5e6f7a8b"])
     points: str = Field(examples=["/objects/2f7f3b52a9a1c0de9b1d1c4d5e6f7a8b/points"])
+    mesh: str = Field(examples=["/objects/2f7f3b52a9a1c0de9b1d1c4d5e6f7a8b/mesh"])
     weights: str = Field(examples=["/objects/2f7f3b52a9a1c0de9b1d1c4d5e6f7a8b/weights"])
 
 
@@ -243,7 +244,7 @@ def _object_fields(record: Record) -> dict[str, Any]:
         "word": list(record.members) if composed else None,
         "parents": list(record.members) if record.kind == "interpolated" else None,
         "bytes": 4 * record.spec.size * (record.spec.k if composed else 1),
-        "links": Links(self=path, points=f"{path}/points", weights=f"{path}/weights"),
+        "links": Links(self=path, points=f"{path}/points", mesh=f"{path}/mesh", weights=f"{path}/weights"),
     }
 
 

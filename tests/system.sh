@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # What the tests need beyond Python: Node for the Khronos glTF validator and for npm's packages, Chromium for the page,
-# OpenGL without a screen for the renderer, curl for the README's lines, PostgreSQL and PgBouncer for the store.
-# Installs Debian's packages where it may; else names what is missing.
+# OpenGL without a screen for the renderer and for MeshLab, curl for the README's lines, PostgreSQL and PgBouncer for
+# the store. Installs Debian's packages where it may; else names what is missing.
 set -euo pipefail
 
 missing=()
@@ -18,6 +18,7 @@ if [ "$(uname)" = Linux ]; then
 libEGL.so.1 libegl1
 libGL.so.1 libgl1
 libXrender.so.1 libxrender1
+libOpenGL.so.0 libopengl0
 PAIRS
     compgen -G '/usr/lib*/dri/*_dri.so' >/dev/null || compgen -G '/usr/lib/*/dri/*_dri.so' >/dev/null ||
         missing+=(libgl1-mesa-dri)

@@ -13,6 +13,7 @@ from conftest import disc, image_file
 from service import server
 from service.cli import main
 from service.formats import POINT_FORMATS
+from service.formats.mesh import MESH_FORMATS
 from service.formats.weights import Weights, dump, load
 from service.keys import make_key
 from service.mapping import MappingSpec, initial_theta
@@ -108,6 +109,15 @@ def test_a_composed_objects_weights_are_sampled_and_told(
     assert "ab.safetensors is composed" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("name", MESH_FORMATS)
+def test_mesh_writes_the_surface_that_the_service_gives(here: Path, client: httpx.Client, name: str) -> None:
+    assert main(["encode", "photo.png", "-o", "object.safetensors"]) == 0
+    assert main(["mesh", "object.safetensors", "-o", f"object.{name}", "--resolution", "8", "--scale", "2"]) == 0
+    links = client.post("/objects", content=(here / "object.safetensors").read_bytes()).json()["links"]
+    served = client.get(links["mesh"], params={"format": name, "resolution": 8, "scale": 2})
+    assert (here / f"object.{name}").read_bytes() == served.content
+
+
 def test_compose_refuses_what_makes_no_word(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     _two_objects(here)
     spec = MappingSpec("tiny", 3, (16,), 3, k=3)
@@ -153,6 +163,9 @@ def test_openapi_prints_the_committed_schema(capsys: pytest.CaptureFixture[str])
         ("compose a.safetensors a.safetensors -o out.png --n 100001", "a picture shows at most 100000 points"),
         ("compose a.safetensors a.safetensors -o out.png --scale 2", "a picture has no scale"),
         ("sample photo.png -o out.safetensors", "no format has the suffix"),
+        ("mesh photo.png -o out.npy", "out.npy: no format has the suffix '.npy', only .glb, .gltf, .obj, .stl, .ply"),
+        ("mesh photo.png -o out.stl", "hof: photo.png: "),
+        ("mesh photo.png -o out.stl --resolution 1000", "resolution: "),
         ("info photo.png", "hof: photo.png: "),
         ("serve --port 70000", "port: "),
         ("serve --model nothere.onnx", "nothere.onnx"),

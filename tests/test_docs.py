@@ -13,6 +13,7 @@ from conftest import Server, disc, image_file
 from model.cli import _parser as model_parser
 from service import cli
 from service.formats import POINT_FORMATS
+from service.formats.mesh import MESH_FORMATS
 from service.settings import Settings
 
 ROOT = Path(__file__).parents[1]
@@ -65,6 +66,9 @@ def test_the_formats_are_those_of_the_code() -> None:
     told = re.search(r"^Formats: (.*?), by", README, re.MULTILINE)
     assert told
     assert re.findall(r"`(\w+)`", told[1]) == list(POINT_FORMATS)
+    told = re.search(r"^Surfaces: (.*?), by", README, re.MULTILINE)
+    assert told
+    assert re.findall(r"`(\w+)`", told[1]) == list(MESH_FORMATS)
 
 
 def test_every_make_target_that_is_named_exists() -> None:
@@ -93,7 +97,8 @@ def test_the_hof_lines_work(here: Path, model_path: Path, monkeypatch: pytest.Mo
     for line in _commands("hof"):
         assert cli.main(shlex.split(line, comments=True)[1:]) == 0, line
     written = {path.name for path in here.iterdir()}
-    assert written == {"photo.jpg", "object.glb", "object.safetensors", "object.ply", "composed.glb", "sheet.png"}
+    made = {"object.glb", "object.safetensors", "object.ply", "surface.glb", "composed.glb", "sheet.png"}
+    assert written == {"photo.jpg", *made}
 
 
 def test_the_hof_model_lines_parse() -> None:
@@ -126,7 +131,8 @@ def test_the_curl_lines_work(here: Path, server: Server, client: httpx.Client) -
         if line.endswith("/encode"):
             assert f'"id":"{stored["id"]}"'.encode() in run.stdout
     points = client.get(stored["links"]["points"], params={"n": 100_000})
-    assert len(lines) == 5 + 2
+    assert len(lines) == 6 + 2
+    assert (here / "object.stl").read_bytes() == client.get(f"{stored['links']['mesh']}?format=stl").content
     assert (here / "object.ply").read_bytes() == points.content
     assert (here / "object.glb").read_bytes()[:4] == b"glTF"
     assert {item["kind"] for item in client.get("/objects").json()["items"]} == {"encoded", "imported", "composed"}

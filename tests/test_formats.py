@@ -267,7 +267,7 @@ def test_the_validator_sees_wrong_bounds(tmp_path: Path) -> None:
     ],
 )
 def test_negotiate(accept: str | None, name: str) -> None:
-    assert negotiate(accept).name == name
+    assert negotiate(accept, FORMATS).name == name
 
 
 @pytest.mark.parametrize(
@@ -275,4 +275,4 @@ def test_negotiate(accept: str | None, name: str) -> None:
 )
 def test_not_acceptable(accept: str) -> None:
     with pytest.raises(NotAcceptable, match="model/gltf-binary"):
-        negotiate(accept)
+        negotiate(accept, FORMATS)

@@ -39,6 +39,7 @@ def test_the_calls_are_those_of_the_contract(operations: dict[str, dict[str, Any
         "GET /objects/{id}",
         "DELETE /objects/{id}",
         "GET /objects/{id}/points",
+        "GET /objects/{id}/mesh",
         "GET /objects/{id}/weights",
         "GET /model",
         "GET /models",

@@ -12,6 +12,7 @@ import httpx
 import numpy as np
 import pytest
 import tiny_model
+import trimesh
 from conftest import running
 from PIL import Image
 from playwright.sync_api import Browser, ConsoleMessage, Page, expect, sync_playwright
@@ -105,6 +106,13 @@ def _run(line: str, folder: Path) -> bytes:
     bash = shutil.which("bash")
     assert bash
     return subprocess.run([bash, "-c", f"{line} -sS"], cwd=folder, capture_output=True, timeout=60, check=True).stdout
+
+
+def _saved(page: Page, of: str, folder: Path) -> bytes:
+    """The file that a curl line of the page writes."""
+    _run(_curl_line(page, of), folder)
+    (fetched,) = folder.iterdir()
+    return fetched.read_bytes()
 
 
 def test_the_policy_allows_the_map_of_imports_and_nothing_from_elsewhere(browser: Browser, address: str) -> None:
@@ -293,6 +301,21 @@ def test_files_are_saved_as_the_curl_line_gets_them(page: Page, tmp_path: Path) 
         assert fetched.read_bytes() == Path(saved.value.path()).read_bytes(), fetched.name
 
 
+def test_the_switch_shows_the_surface_and_brings_the_points_back(page: Page, tmp_path: Path) -> None:
+    points = _pixels(page)
+    page.get_by_role("switch", name="Surface").check()
+    expect(page.locator("#count")).to_have_text(re.compile(r"^[\d,]{5,} triangles$"))
+    assert (_pixels(page) != points).mean() > 0.02
+    page.screenshot(path=PICTURES / "surface.png")
+    glb = trimesh.load(io.BytesIO(_saved(page, "download", tmp_path)), file_type="glb").to_geometry()
+    expect(page.locator("#count")).to_have_text(f"{len(glb.faces):,} triangles")
+    expect(page.locator("#n")).to_be_disabled()
+    page.get_by_role("switch", name="Surface").uncheck()
+    expect(page.locator("#count")).to_have_text("10,000 points")
+    assert (_pixels(page) == points).mean() > 0.99
+    assert "/points?" in _curl_line(page, "download")
+
+
 def test_errors_are_shown_as_the_service_tells_them(page: Page, tmp_path: Path) -> None:
     (tmp_path / "no.png").write_text("no image")
     page.set_input_files("#file", tmp_path / "no.png")
@@ -353,6 +376,7 @@ def test_every_action_is_reached_with_the_tab_key(page: Page) -> None:
         "CANVAS",
         "n",
         "seed",
+        "surface",
         "format",
         "open",
         "mix",

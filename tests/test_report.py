@@ -7,6 +7,7 @@ import pytest
 import small_data
 import tiny_model
 from PIL import Image
+from small_trials import trials
 
 from model import cli
 from model.records import Record
@@ -28,6 +29,7 @@ def root(data: Path, model_path: Path, tmp_path_factory: pytest.TempPathFactory)
     spec = replace(tiny_model.SPEC, k=4)
     beside = tiny_model.build(folder / "k4.onnx", spec, meta=tiny_model.metadata(spec, "tiny-k4"))
     assert cli.main(["mixtures", "--model", str(model_path), "--data", str(data), "-o", str(folder)]) == 0
+    trials(0.39, 50).write(folder / "model/results/surfaces.json")
     models = ["--model", str(model_path), "--model", str(beside)]
     assert cli.main(["results", *models, "--data", str(data), "-o", str(folder)]) == 0
     return folder
@@ -40,6 +42,7 @@ def test_the_page_holds_every_table(root: Path) -> None:
         "Comparison",
         "Classes",
         "Points",
+        "Surfaces",
         "Harder images",
         "Mixtures",
         "Other methods",

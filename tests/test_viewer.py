@@ -7,6 +7,7 @@ import httpx
 import pytest
 
 from service.formats import POINT_FORMATS
+from service.formats.mesh import MESH_FORMATS
 from service.formats.weights import WEIGHT_FORMATS
 from service.routes import viewer
 
@@ -87,4 +88,4 @@ def test_where_the_bundle_is_missing_the_page_says_so_and_the_api_works(
 def test_the_page_saves_every_format() -> None:
     groups = dict(re.findall(r'<optgroup [^>]*data-of="(\w+)">(.*?)</optgroup>', INDEX, re.DOTALL))
     values = {name: set(re.findall(r'value="(\w+)"', group)) for name, group in groups.items()}
-    assert values == {"points": set(POINT_FORMATS), "weights": set(WEIGHT_FORMATS)}
+    assert values == {"points": set(POINT_FORMATS), "mesh": set(MESH_FORMATS), "weights": set(WEIGHT_FORMATS)}

@@ -1,9 +1,9 @@
 """Point clouds as files: what formats there are, how one is chosen, how one is written piece by piece."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Final, Protocol
+from typing import Final, Protocol, TypeVar
 
 from service.errors import InvalidParameter, NotAcceptable
 from service.formats import gltf, json, npy, pcd, ply, raw, xyz
@@ -31,6 +31,16 @@ class Source(Protocol):
 
 
 Body = Callable[[Source, Part], bytes]
+
+
+class _Format(Protocol):
+    @property
+    def media_type(self) -> str: ...
+    @property
+    def extension(self) -> str: ...
+
+
+Format = TypeVar("Format", bound=_Format)
 
 
 @dataclass(frozen=True)
@@ -177,8 +187,8 @@ def write(fmt: PointFormat, source: Source) -> Iterator[bytes]:
     return filter(None, _pieces(fmt, source))  # an empty piece would end a chunked HTTP body
 
 
-def negotiate(accept: str | None) -> PointFormat:
-    """The format that an Accept header (RFC 9110, section 12.5.1) asks for; PLY where it leaves the choice.
+def negotiate(accept: str | None, formats: Collection[Format]) -> Format:
+    """The format that an Accept header (RFC 9110, section 12.5.1) asks for; the first where it leaves the choice.
 
     The highest q wins; then the more exact range, then the one that is named first.
 
@@ -189,14 +199,14 @@ def negotiate(accept: str | None) -> PointFormat:
     ranges = _media_ranges(accept or "*/*")
     ranked = [
         (q, exactness, earliness, fmt)
-        for fmt in POINT_FORMATS.values()
+        for fmt in formats
         for exactness, q, earliness in [_match(fmt.media_type, ranges)]
         if q > 0
     ]
     if not ranked:
-        offered = ", ".join(fmt.media_type for fmt in POINT_FORMATS.values())
+        offered = ", ".join(fmt.media_type for fmt in formats)
         raise NotAcceptable(f"the Accept header allows none of {offered}", field="Accept")
-    return max(ranked, key=lambda candidate: candidate[:3])[3]  # max keeps the first of equals: ours is PLY
+    return max(ranked, key=lambda candidate: candidate[:3])[3]  # max keeps the first of equals
 
 
 def _pieces(fmt: PointFormat, source: Source) -> Iterator[bytes]:

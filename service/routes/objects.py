@@ -129,17 +129,18 @@ async def points(request: Request, id_: ObjectId, query: Annotated[PointsQuery, 
 
     The first m points of n are the points of m; `offset` goes on where another call stopped.
     """
-    fmt = POINT_FORMATS[query.format] if query.format else negotiate(request.headers.get("accept"))
+    accept = request.headers.get("accept")
+    fmt = POINT_FORMATS[query.format] if query.format else negotiate(accept, POINT_FORMATS.values())
     check_size(fmt, query.n, runtime.settings.max_points)
     record, functions = await runtime.store.get(id_)
     cloud = query.cloud(record.spec, functions)
     fmt = fmt.holding(color=cloud.functions.color is not None)
     squeezed = fmt.is_text and accepts_gzip(request.headers.get("accept-encoding"))
     tag = etag(id_, fmt.name, query.model_dump(exclude={"format"}), squeezed)
-    headers = _cached(tag) | {"Vary": "Accept, Accept-Encoding"}
+    headers = cached(tag) | {"Vary": "Accept, Accept-Encoding"}
     if is_fresh(request.headers.get("if-none-match"), tag):
         return Response(status_code=304, headers=headers)
-    headers |= _attachment(id_, fmt.extension)
+    headers |= attachment(id_, fmt.extension)
     length = fmt.length(query.n)
     if length is not None:
         headers["Content-Length"] = str(length)
@@ -175,7 +176,7 @@ async def weights(request: Request, id_: ObjectId, query: Annotated[WeightsQuery
     thetas as one function, x -> points, which runs anywhere.
     """
     record, functions = await runtime.store.get(id_)
-    headers = _cached(etag(id_, query.format))
+    headers = cached(etag(id_, query.format))
     if is_fresh(request.headers.get("if-none-match"), headers["ETag"]):
         return Response(status_code=304, headers=headers)
     word = record.members if record.kind == "composed" else ()
@@ -183,14 +184,16 @@ async def weights(request: Request, id_: ObjectId, query: Annotated[WeightsQuery
     with runtime.gates.points.admit(PROBE_POINTS):
         data = await while_there(request, runtime.run(dump, kept, query.format))
     fmt = WEIGHT_FORMATS[query.format]
-    return Response(data, headers=headers | _attachment(id_, fmt.extension), media_type=fmt.media_type)
+    return Response(data, headers=headers | attachment(id_, fmt.extension), media_type=fmt.media_type)
 
 
-def _cached(tag: str) -> dict[str, str]:
+def cached(tag: str) -> dict[str, str]:
+    """Headers of an answer that may be kept."""
     return {"ETag": tag, "Cache-Control": CACHE_CONTROL}
 
 
-def _attachment(id_: str, extension: str) -> dict[str, str]:
+def attachment(id_: str, extension: str) -> dict[str, str]:
+    """The header that names the file."""
     return {"Content-Disposition": f'attachment; filename="hof-{id_}{extension}"'}
 
 

@@ -72,6 +72,11 @@ export async function fetchFile(path) {
   return { blob: await answer.blob(), name };
 }
 
+/** The bytes of a path, whole. */
+export async function fetchBytes(path, signal) {
+  return (await call(path, { signal })).arrayBuffer();
+}
+
 /** Where points of an object are. */
 export function pointsPath(object, query) {
   return `${object.links.points}?${new URLSearchParams(query)}`;

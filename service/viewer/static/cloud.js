@@ -1,4 +1,4 @@
-// The points of one object, on the graphics card.
+// The points of one object, on the graphics card, and its surface where that is asked for.
 import {
   BufferGeometry,
   DynamicDrawUsage,
@@ -78,7 +78,19 @@ export class Cloud {
     this.points.geometry.setDrawRange(0, Math.min(n, this.count));
   }
 
+  /** Draw a surface (Mesh) in place of the points; none brings them back. */
+  setSurface(mesh) {
+    if (this.surface) {
+      this.scene.remove(this.surface);
+      this.surface.geometry.dispose();
+    }
+    this.surface = mesh;
+    if (mesh) this.scene.add(mesh);
+    this.points.visible = !mesh;
+  }
+
   dispose() {
+    this.setSurface();
     this.points.geometry.dispose();
   }
 }

@@ -1,12 +1,14 @@
-// The objects on the stage: how many points of which seed, how many have arrived, and their download.
+// The objects on the stage: how many points of which seed, how many have arrived, or the surface; and their download.
 import { fetchFile, pointsPath, streamPoints } from "./api.js";
 import { Cloud } from "./cloud.js";
 import { showCurl } from "./curl.js";
 import { attempt } from "./problem.js";
 import { Stage } from "./stage.js";
+import { fetchSurface } from "./surface.js";
 
 const element = (id) => document.getElementById(id);
-const [slider, seed, color, form, format, words] = ["n", "seed", "color", "download", "format", "words"].map(element);
+const ids = ["n", "seed", "color", "surface", "download", "format", "words"];
+const [slider, seed, color, surface, form, format, words] = ids.map(element);
 const progress = document.querySelector("#view progress");
 const line = document.querySelector("#view .curl");
 
@@ -68,24 +70,35 @@ function wanted() {
   return Math.min(n, Math.floor(MOST / Math.max(1, clouds.length)));
 }
 
-/** Fetch the points that are asked for and not there yet. */
+/** Fetch what is asked for and not there yet. */
 function fill() {
   filling.abort();
   filling = new AbortController();
   showNumbers();
   if (!stage) return;
-  const [n, signal] = [wanted(), filling.signal];
-  const tasks = clouds.map(async (cloud) => {
-    cloud.reserve(n);
-    const query = { n: n - cloud.count, seed: seed.value, offset: cloud.count };
-    if (query.n <= 0) return;
-    await streamPoints(cloud.object, query, signal, (bytes) => {
-      cloud.append(bytes);
-      stage.redraw();
-      showArrived();
-    });
-  });
+  const { signal } = filling;
+  const tasks = clouds.map((cloud) => (surface.checked ? fillSurface(cloud, signal) : fillPoints(cloud, signal)));
   attempt(() => Promise.all(tasks));
+}
+
+async function fillPoints(cloud, signal) {
+  cloud.setSurface();
+  cloud.reserve(wanted());
+  const query = { n: wanted() - cloud.count, seed: seed.value, offset: cloud.count };
+  if (query.n <= 0) return;
+  await streamPoints(cloud.object, query, signal, (bytes) => {
+    cloud.append(bytes);
+    stage.redraw();
+    showArrived();
+  });
+}
+
+async function fillSurface(cloud, signal) {
+  const mesh = await fetchSurface(cloud.object, stage.surfaceMaterial, signal);
+  if (signal.aborted) return;
+  cloud.setSurface(mesh);
+  stage.redraw();
+  showArrived();
 }
 
 function showNumbers() {
@@ -98,6 +111,10 @@ function showNumbers() {
 }
 
 function showArrived() {
+  if (surface.checked) {
+    showTriangles();
+    return;
+  }
   const n = wanted();
   const arrived = Math.min(n, ...clouds.map((cloud) => cloud.count));
   progress.value = clouds.length ? arrived / n : 0;
@@ -107,13 +124,20 @@ function showArrived() {
   element("count").textContent = clouds.length ? `${arrived.toLocaleString("en")}${done} points${each}` : "";
 }
 
+function showTriangles() {
+  const shown = clouds.filter((cloud) => cloud.surface);
+  const triangles = shown.reduce((sum, cloud) => sum + cloud.surface.geometry.index.count / 3, 0);
+  progress.value = clouds.length ? shown.length / clouds.length : 0;
+  progress.classList.toggle("done", shown.length === clouds.length);
+  element("count").textContent = shown.length ? `${triangles.toLocaleString("en")} triangles` : "";
+}
+
 /** The file that is chosen: its path in the API, and its suffix. */
 function chosen() {
   const [{ object }] = clouds;
   const name = format.value;
-  if (format.selectedOptions[0].parentElement.dataset.of === "weights") {
-    return { path: `${object.links.weights}?format=${name}`, suffix: name };
-  }
+  const { of } = format.selectedOptions[0].parentElement.dataset;
+  if (of !== "points") return { path: `${object.links[of]}?format=${name}`, suffix: name };
   const query = { n: wanted(), seed: seed.value, format: name };
   if (object.color && !color.checked) query.color = "none";
   return { path: pointsPath(object, query), suffix: name };
@@ -122,6 +146,14 @@ function chosen() {
 function showDownload() {
   const { path, suffix } = chosen();
   showCurl(line, `-o object.${suffix}`, path);
+}
+
+/** Show surfaces or points, and offer the files of what is shown. */
+function switchSurface() {
+  slider.disabled = seed.disabled = surface.checked;
+  const group = format.querySelector(`[data-of="${surface.checked ? "mesh" : "points"}"]`);
+  group.firstElementChild.selected = true;
+  fill();
 }
 
 async function save() {
@@ -150,6 +182,7 @@ function start() {
     stage?.paint(color.checked);
     if (!form.hidden) showDownload();
   });
+  surface.addEventListener("change", switchSurface);
   format.addEventListener("change", showDownload);
   form.addEventListener("submit", (event) => {
     event.preventDefault();

@@ -1,0 +1,269 @@
+"""Ways to make a surface of an object, measured: the one that the service has, and those that start from points.
+
+Every way starts from the same thetas, those of one view of an object, and is judged by points that are drawn
+uniformly from its surface. Parameters were chosen on the validation split, but for MeshLab's, which were
+set once for so many points.
+"""
+
+import json
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+from scipy import ndimage
+from skimage.measure import marching_cubes
+from threadpoolctl import threadpool_limits
+from tqdm import tqdm
+
+from model.data.manifest import Split
+from model.evaluate import POINTS, VIEWS, Case, cases
+from model.files import whole_file
+from model.metrics import compare
+from model.perturb import png
+from model.provenance import provenance
+from model.tables import table
+from service.encoder import Encoder
+from service.images import preprocess
+from service.mapping import word_of
+from service.sampler import Sampler
+from service.surface import shells, surface_of
+
+Floats = npt.NDArray[np.float32]
+Indices = npt.NDArray[np.integer[Any]]
+Way = Callable[[Sampler], tuple[Floats, Indices]]  # an object -> vertices (v, 3) and triangles (t, 3)
+
+FILE: Final = "surfaces.json"  # in the folder of results
+CLOUD: Final = "its points"
+SERVED: Final = "shells through f, cut"
+METRICS: Final = ("f@1%", "f@2%")
+SHARE: Final = 0.95  # of the points' own F@2%, at least
+MOST_MS: Final = 500.0
+EVERY: Final = 3  # object of the split: MeshLab takes seconds for each
+DENSE: Final = 200_000  # points in a grid
+SPARSE: Final = 20_000  # points to be joined
+CELLS: Final = 128  # along the longest side
+SMOOTHING: Final = 0.7  # cells: of the Gaussian over a grid
+OUTSIDE: Final = 0.1  # share of the points that a density's level leaves outside
+DISTANCE: Final = 0.01  # longest sides: between the points and a surface around them
+DEPTH: Final = 7  # of Poisson's octree
+BALL: Final = 1.5  # the pivoting ball's radius, % of the bounding box's diagonal
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One way: of each object the F-scores, whether its surface is closed, its triangles and CPU milliseconds."""
+
+    way: str
+    figures: dict[str, list[float]]
+    closed: list[bool]
+    triangles: list[int]
+    ms: list[float]
+
+    def mean(self, metric: str) -> float:
+        """Over objects."""
+        return float(np.mean(self.figures[metric]))
+
+
+@dataclass(frozen=True)
+class Trials:
+    """All ways on the same objects; `made` tells model, split, machine, date and commit. The first is the points."""
+
+    made: dict[str, Any]
+    trials: list[Trial]
+
+    def write(self, path: Path) -> None:
+        """Write as JSON, whole or not at all."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        rows = ",\n  ".join(json.dumps(asdict(trial)) for trial in self.trials)
+        with whole_file(path) as file:
+            file.write(f'{{\n "made": {json.dumps(self.made)},\n "trials": [\n  {rows}\n ]\n}}\n'.encode())
+
+    @classmethod
+    def read(cls, path: Path) -> "Trials":
+        """Inverse of `write`."""
+        fields = json.loads(path.read_text(encoding="utf-8"))
+        return cls(fields["made"], [Trial(**trial) for trial in fields["trials"]])
+
+
+def through_f(sampler: Sampler) -> tuple[Floats, Indices]:
+    """As the service makes it."""
+    surface = surface_of(sampler)
+    return surface.vertices, surface.triangles
+
+
+def whole_shells(sampler: Sampler) -> tuple[Floats, Indices]:
+    """The same without cutting what f tears apart."""
+    points, triangles = shells(sampler.domain, 64)
+    return sampler.map(points), triangles
+
+
+def one_icosphere(sampler: Sampler) -> tuple[Floats, Indices]:
+    """The unit sphere alone, not cut: of a solid domain its border."""
+    points, triangles = shells("sphere", 64)
+    return sampler.map(points), triangles
+
+
+def density(sampler: Sampler) -> tuple[Floats, Indices]:
+    """Marching cubes at a level of the points' smoothed density."""
+    counts, cells, low, size = _grid(sampler.points(DENSE))
+    smooth = ndimage.gaussian_filter(counts, SMOOTHING)
+    return _march(smooth, float(np.quantile(smooth[tuple(cells.T)], OUTSIDE)), low, size)
+
+
+def distance(sampler: Sampler) -> tuple[Floats, Indices]:
+    """Marching cubes at a distance from the nearest cell that holds a point."""
+    counts, _, low, size = _grid(sampler.points(DENSE))
+    nearest = ndimage.distance_transform_edt(counts == 0).astype(np.float32)
+    return _march(ndimage.gaussian_filter(-nearest, SMOOTHING), -max(DISTANCE / size, 0.6), low, size)
+
+
+def poisson(sampler: Sampler) -> tuple[Floats, Indices]:
+    """Screened Poisson (Kazhdan and Hoppe 2013) of MeshLab, normals by 16 neighbours."""
+    parameters: dict[str, object] = {"depth": DEPTH, "threads": 1, "preclean": True}
+    return _meshlab(sampler.points(SPARSE), "generate_surface_reconstruction_screened_poisson", parameters)
+
+
+def ball_pivoting(sampler: Sampler) -> tuple[Floats, Indices]:
+    """Ball pivoting (Bernardini et al. 1999) of MeshLab."""
+    import pymeshlab
+
+    parameters = {"ballradius": pymeshlab.PercentageValue(BALL)}
+    return _meshlab(sampler.points(SPARSE), "generate_surface_reconstruction_ball_pivoting", parameters)
+
+
+WAYS: Final[dict[str, Way]] = {
+    SERVED: through_f,
+    "shells through f, whole": whole_shells,
+    "one icosphere through f": one_icosphere,
+    "density, marching cubes": density,
+    "distance, marching cubes": distance,
+    "screened Poisson": poisson,
+    "ball pivoting": ball_pivoting,
+}
+
+
+def measure_surfaces(model: Path, data: Path, split: Split, seed: int = 0) -> Trials:
+    """Every way on one view of every third object of a split; BLAS on one thread.
+
+    Raises
+    ------
+    FileNotFoundError : no data set.
+    """
+    encoder = Encoder.open(model, threads=1)
+    objects = list(cases(data, split))[::EVERY]
+    samplers = [_sampler(encoder, case) for case in objects]
+    with threadpool_limits(1):
+        trials = [_points_trial(samplers, objects)]
+        for way, make in WAYS.items():
+            trials.append(_trial(way, make, samplers, objects, seed))
+    made = {"model": encoder.name, "split": split, "objects": len(objects), **provenance(seed)}
+    return Trials(made, trials)
+
+
+def section(found: Trials) -> str:
+    """The section of RESULTS.md: what was asked, the table, and why the service makes surfaces as it does."""
+    cloud, made = found.trials[0], found.made
+    served = next(trial for trial in found.trials if trial.way == SERVED)
+    share, longest = served.mean("f@2%") / cloud.mean("f@2%"), max(served.ms)
+    rows = [[trial.way, *_row(trial, cloud)] for trial in found.trials]
+    head = ["way", *METRICS, "share of the points' f@2%", "closed", "triangles", "ms, median", "ms, most"]
+    return f"""## Surfaces
+
+Written by `hof-model surfaces`: `{made["model"]}`, {made["split"]} split, view {VIEWS[0]} of {made["objects"]} objects,
+{POINTS:,} points drawn uniformly from each surface against 10,000 true ones. Milliseconds are CPU time of one thread,
+from theta to triangles, on {made["machine"]}, {made["date"]}, commit {made["commit"]}.
+
+{table(head, rows)}
+
+- F@2% at least {SHARE} of the points' own: {share:.3f}, {_met(share >= SHARE)}.
+- Under {MOST_MS:.0f} ms at the default resolution: {longest:.0f} ms at most, {_met(longest < MOST_MS)}.
+
+The service pushes shells through f and cuts what is torn. Points are dense where the object is certain and thin where
+it is not. A surface counts by area, so that whatever encloses points, at one level or one distance, gives the thin
+places as much weight as the dense ones, and lies beside them, not in them; Poisson and ball pivoting have to guess
+first which points are neighbours. f knows: its layers lie where its points are, many of them where they are dense,
+and a triangle that it stretches is one where points are thin. It is also the quickest, and needs no library.
+What it is not is closed: who needs a solid to print takes the points to a tool that makes one."""
+
+
+def _row(trial: Trial, cloud: Trial) -> list[str]:
+    figures = [f"{trial.mean(metric):.3f}" for metric in METRICS]
+    share = f"{trial.mean('f@2%') / cloud.mean('f@2%'):.3f}"
+    if trial is cloud:
+        return [*figures, share, "-", "-", f"{np.median(trial.ms):.0f}", f"{max(trial.ms):.0f}"]
+    closed, triangles = f"{np.mean(trial.closed):.0%}", f"{np.mean(trial.triangles):,.0f}"
+    return [*figures, share, closed, triangles, f"{np.median(trial.ms):.0f}", f"{max(trial.ms):.0f}"]
+
+
+def _met(condition: bool) -> str:
+    return "met" if condition else "**not met**"
+
+
+def _sampler(encoder: Encoder, case: Case) -> Sampler:
+    photo = png(case.views[VIEWS[0]])
+    theta = encoder.encode(preprocess(photo, encoder.framing).tensor)[0].theta
+    return Sampler(encoder.spec, word_of(encoder.spec, theta))
+
+
+def _points_trial(samplers: Sequence[Sampler], objects: Sequence[Case]) -> Trial:
+    timed = [_timed(sampler.points, POINTS) for sampler in samplers]
+    figures = [compare(points, case.points) for (points, _), case in zip(timed, objects, strict=True)]
+    return Trial(CLOUD, _columns(figures), [], [], [ms for _, ms in timed])
+
+
+def _trial(way: str, make: Way, samplers: Sequence[Sampler], objects: Sequence[Case], seed: int) -> Trial:
+    make(samplers[0])  # loads what it needs
+    figures, closed, triangles, times = [], [], [], []
+    for sampler, case in tqdm(list(zip(samplers, objects, strict=True)), desc=way, unit="object"):
+        (vertices, corners), ms = _timed(make, sampler)
+        mesh = trimesh.Trimesh(vertices, corners, process=False)
+        drawn, _ = trimesh.sample.sample_surface(mesh, POINTS, seed=seed)
+        figures.append(compare(drawn.astype(np.float32), case.points))
+        closed.append(bool(mesh.is_watertight))
+        triangles.append(len(corners))
+        times.append(ms)
+    return Trial(way, _columns(figures), closed, triangles, times)
+
+
+def _timed(call: Callable[..., Any], *arguments: object) -> tuple[Any, float]:
+    """What a call gives, and its CPU milliseconds."""
+    started = time.process_time()
+    result = call(*arguments)
+    return result, round(1000 * (time.process_time() - started), 2)
+
+
+def _columns(figures: Sequence[dict[str, float]]) -> dict[str, list[float]]:
+    return {metric: [round(each[metric], 5) for each in figures] for metric in METRICS}
+
+
+def _grid(points: Floats) -> tuple[Floats, npt.NDArray[np.int64], Floats, float]:
+    """Points in each cell (a, b, c) float32, each point's cell (n, 3), the first cell's centre, a cell's side."""
+    margin = 4
+    low, high = points.min(axis=0), points.max(axis=0)
+    size = float((high - low).max()) / CELLS
+    cells = np.rint((points - low) / size).astype(np.int64) + margin
+    shape = cells.max(axis=0) + 1 + margin
+    counts = np.bincount(np.ravel_multi_index(tuple(cells.T), tuple(shape)), minlength=int(np.prod(shape)))
+    return counts.reshape(shape).astype(np.float32), cells, low - margin * size, size
+
+
+def _march(field: Floats, level: float, low: Floats, size: float) -> tuple[Floats, Indices]:
+    vertices, triangles, _, _ = marching_cubes(field, level)
+    return (low + vertices * size).astype(np.float32), triangles
+
+
+def _meshlab(points: Floats, name: str, parameters: dict[str, object]) -> tuple[Floats, Indices]:
+    """What a filter of MeshLab makes of points (n, 3)."""
+    import pymeshlab
+
+    meshes = pymeshlab.MeshSet(verbose=False)
+    meshes.add_mesh(pymeshlab.Mesh(vertex_matrix=points.astype(np.float64)))
+    meshes.compute_normal_for_point_clouds(k=16, smoothiter=2)
+    meshes.apply_filter(name, **parameters)
+    mesh = meshes.current_mesh()
+    return mesh.vertex_matrix().astype(np.float32), mesh.face_matrix()

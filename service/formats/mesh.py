@@ -1,0 +1,35 @@
+"""Surfaces as files: what formats there are. Each is a pure function from a surface to the file's bytes."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from service.formats import mesh_gltf, mesh_obj, mesh_ply, mesh_stl
+from service.surface import Surface
+
+
+@dataclass(frozen=True)
+class MeshFormat:
+    """A file format for surfaces; `dump` gives the whole file, in the object frame whatever others use by habit.
+
+    name : as in the query's `format`.
+    media_type : as in Content-Type and Accept.
+    extension : of a file's name, with its dot.
+    """
+
+    name: str
+    media_type: str
+    extension: str
+    dump: Callable[[Surface], bytes]
+
+
+MESH_FORMATS: Final[Mapping[str, MeshFormat]] = {
+    fmt.name: fmt
+    for fmt in (
+        MeshFormat("glb", "model/gltf-binary", ".glb", mesh_gltf.glb),
+        MeshFormat("gltf", "model/gltf+json", ".gltf", mesh_gltf.gltf),
+        MeshFormat("obj", "model/obj", ".obj", mesh_obj.dump),
+        MeshFormat("stl", "model/stl", ".stl", mesh_stl.dump),
+        MeshFormat("ply", "model/ply", ".ply", mesh_ply.dump),
+    )
+}

@@ -1,0 +1,33 @@
+"""PLY of a surface, binary little endian: six float32 a vertex, three indices a triangle."""
+
+from typing import Final
+
+import numpy as np
+
+from service.surface import Surface
+
+_HEADER: Final = """\
+ply
+format binary_little_endian 1.0
+comment +Y is up, the front faces +Z
+element vertex {vertices}
+property float x
+property float y
+property float z
+property float nx
+property float ny
+property float nz
+element face {triangles}
+property list uchar uint vertex_indices
+end_header
+"""
+_FACE: Final = np.dtype([("count", "u1"), ("corners", "<u4", 3)])
+
+
+def dump(surface: Surface) -> bytes:
+    """The whole file."""
+    faces = np.empty(len(surface.triangles), _FACE)
+    faces["count"], faces["corners"] = 3, surface.triangles
+    header = _HEADER.format(vertices=len(surface.vertices), triangles=len(faces))
+    vertices = np.concatenate([surface.vertices, surface.normals], axis=1).astype("<f4", copy=False)
+    return header.encode("ascii") + vertices.tobytes() + faces.tobytes()

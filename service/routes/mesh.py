@@ -1,0 +1,60 @@
+"""GET /objects/{id}/mesh: an object's surface, as a file."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query
+from starlette.requests import Request
+from starlette.responses import Response
+
+from service.caching import etag, is_fresh
+from service.clients import while_there
+from service.formats import negotiate
+from service.formats.mesh import MESH_FORMATS, MeshFormat
+from service.mapping import Array, MappingSpec, word_of
+from service.queries import MeshQuery
+from service.routes.objects import BINARY, FILE_HEADERS, MISSING, NOT_MODIFIED, ObjectId, attachment, cached
+from service.runtime import Ready
+from service.sampler import Sampler
+from service.schemas import OVERLOADED, Problem
+from service.surface import surface_of
+
+router = APIRouter(prefix="/objects", tags=["objects"])
+
+
+@router.get(
+    "/{id}/mesh",
+    response_class=Response,
+    responses=MISSING
+    | NOT_MODIFIED
+    | {
+        200: {
+            "description": "The surface in the chosen format",
+            "content": {fmt.media_type: BINARY for fmt in MESH_FORMATS.values()},
+            "headers": FILE_HEADERS,
+        },
+        429: OVERLOADED,
+        406: {"model": Problem, "description": "No format satisfies `Accept`"},
+    },
+)
+async def mesh(request: Request, id_: ObjectId, query: Annotated[MeshQuery, Query()], runtime: Ready) -> Response:
+    """The object's surface: triangles of the canonical domain through f^k, with normals, in the object frame (+Y up,
+    front +Z, longest side 1), whatever the format.
+
+    What f tears apart is left open, and a solid domain gives layers: for looking at, not a closed solid.
+    """
+    accept = request.headers.get("accept")
+    fmt = MESH_FORMATS[query.format] if query.format else negotiate(accept, MESH_FORMATS.values())
+    record, functions = await runtime.store.get(id_)
+    headers = cached(etag(id_, "mesh", fmt.name, query.model_dump(exclude={"format"}))) | {"Vary": "Accept"}
+    if is_fresh(request.headers.get("if-none-match"), headers["ETag"]):
+        return Response(status_code=304, headers=headers)
+    headers |= attachment(id_, fmt.extension)
+    if "hof.head" in request.scope:
+        return Response(headers=headers, media_type=fmt.media_type)
+    with runtime.gates.points.admit(20 * query.resolution**2):
+        data = await while_there(request, runtime.run(_file, fmt, record.spec, functions.theta, query))
+    return Response(data, headers=headers, media_type=fmt.media_type)
+
+
+def _file(fmt: MeshFormat, spec: MappingSpec, theta: Array, query: MeshQuery) -> bytes:
+    return fmt.dump(surface_of(Sampler(spec, word_of(spec, theta)), query.resolution, query.scale))

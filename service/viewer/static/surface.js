@@ -1,0 +1,58 @@
+// An object's surface, on the graphics card.
+import { BufferAttribute, BufferGeometry, DoubleSide, Mesh, ShaderMaterial } from "three";
+
+import { fetchBytes } from "./api.js";
+
+const VERTEX = `
+  uniform float distance;
+  varying float depth; // 0 nearest, 1 farthest
+  varying vec3 towards; // the normal, seen from the camera
+  void main() {
+    vec4 seen = modelViewMatrix * vec4(position, 1.0);
+    depth = clamp(-seen.z - distance + 0.5, 0.0, 1.0);
+    towards = normalMatrix * normal;
+    gl_Position = projectionMatrix * seen;
+  }`;
+const FRAGMENT = `
+  uniform vec3 near;
+  uniform vec3 far;
+  varying float depth;
+  varying vec3 towards;
+  void main() {
+    float light = abs(normalize(towards).z); // a lamp at the camera; layers have two sides
+    gl_FragColor = vec4(mix(far, mix(near, far, depth), 0.25 + 0.75 * light), 1.0);
+  }`;
+
+/** What all surfaces are drawn with; it shares the uniforms of the points. */
+export function surfaceMaterial(uniforms) {
+  return new ShaderMaterial({ vertexShader: VERTEX, fragmentShader: FRAGMENT, uniforms, side: DoubleSide });
+}
+
+/** Fetch the surface of an object, as a Mesh. */
+export async function fetchSurface(object, material, signal) {
+  const bytes = await fetchBytes(`${object.links.mesh}?format=glb`, signal);
+  const { positions, normals, indices } = readGlb(bytes);
+  const geometry = new BufferGeometry();
+  geometry.setAttribute("position", new BufferAttribute(positions, 3));
+  geometry.setAttribute("normal", new BufferAttribute(normals, 3));
+  geometry.setIndex(new BufferAttribute(indices, 1));
+  const mesh = new Mesh(geometry, material);
+  mesh.frustumCulled = false; // its bounds are those of the object frame
+  return mesh;
+}
+
+/** The arrays of a GLB as the service writes it: one primitive, one buffer, nothing interleaved. */
+function readGlb(bytes) {
+  const jsonBytes = new DataView(bytes).getUint32(12, true);
+  const document = JSON.parse(new TextDecoder().decode(new Uint8Array(bytes, 20, jsonBytes)));
+  const [{ attributes, indices }] = document.meshes[0].primitives;
+  const array = (Type, index) => {
+    const { byteOffset, byteLength } = document.bufferViews[document.accessors[index].bufferView];
+    return new Type(bytes, 20 + jsonBytes + 8 + byteOffset, byteLength / Type.BYTES_PER_ELEMENT);
+  };
+  return {
+    positions: array(Float32Array, attributes.POSITION),
+    normals: array(Float32Array, attributes.NORMAL),
+    indices: array(Uint32Array, indices),
+  };
+}
