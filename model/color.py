@@ -22,6 +22,7 @@ HIDDEN: Final = 256  # units of f_color
 WIDTHS: Final = (256, 256)  # of the head
 DROPOUT: Final = 0.3
 RANK: Final = 128
+START: Final = 0.45  # of each of the three colours in the mix: renders are about that much darker than materials
 CELLS: Final = 16  # the image is seen as so many cells each way
 
 
@@ -47,7 +48,7 @@ class ColorHead(nn.Module):
             inputs = width
         self.layers = nn.Sequential(*layers, nn.Linear(inputs, RANK), nn.LayerNorm(RANK))
         self.mix = ThetaHead(spec, RANK)
-        self.mix.theta_0[-3:] += 1 / 3
+        self.mix.theta_0[-3:] += START
         self.where = nn.Linear(RANK, 3 * CELLS**2)
         self.correction = nn.Linear(RANK, 9)
         nn.init.zeros_(self.correction.weight)
