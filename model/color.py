@@ -22,6 +22,7 @@ HIDDEN: Final = 256  # units of f_color
 WIDTHS: Final = (256, 256)  # of the head
 DROPOUT: Final = 0.3
 RANK: Final = 128
+START: Final = 0.45  # of each of the three colours in the mix: renders are about that much darker than materials
 CELLS: Final = 16  # the image is seen as so many cells each way
 
 
@@ -47,7 +48,7 @@ class ColorHead(nn.Module):
             inputs = width
         self.layers = nn.Sequential(*layers, nn.Linear(inputs, RANK), nn.LayerNorm(RANK))
         self.mix = ThetaHead(spec, RANK)
-        self.mix.theta_0[-3:] += 1 / 3
+        self.mix.theta_0[-3:] += START
         self.where = nn.Linear(RANK, 3 * CELLS**2)
         self.correction = nn.Linear(RANK, 9)
         nn.init.zeros_(self.correction.weight)
@@ -60,11 +61,12 @@ class ColorHead(nn.Module):
         weights = self.where(features).unflatten(1, (3, CELLS**2)).softmax(dim=2)
         colours = weights @ cells.transpose(1, 2)  # (b, 3 colours, red green blue)
         colours = colours + self.correction(features).unflatten(1, (3, 3))
-        mix = self.mix(features)
-        last = 3 * (HIDDEN + 1)  # numbers of m's last layer: V (3, HIDDEN), then its biases
-        matrix, biases = mix[:, -last:-3].unflatten(1, (3, HIDDEN)), mix[:, -3:].unsqueeze(2)
+        sizes = [self.spec.size - 3 * HIDDEN - 3, 3 * HIDDEN, 3]
+        first, matrix, biases = self.mix(features).split(sizes, dim=1)  # m's first layer; its last
         turn = colours.transpose(1, 2)  # P^T
-        return torch.cat([mix[:, :-last], (turn @ matrix).flatten(1), (turn @ biases).flatten(1)], dim=1)
+        matrix = (turn @ matrix.reshape(-1, 3, HIDDEN)).reshape(-1, 3 * HIDDEN)
+        biases = (turn @ biases.reshape(-1, 3, 1)).reshape(-1, 3)
+        return torch.cat([first, matrix, biases], dim=1)
 
 
 class ColoredEncoder(nn.Module):

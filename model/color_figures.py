@@ -33,6 +33,8 @@ Values = npt.NDArray[np.float64]
 
 NAMES: Final = ("color_forward", "color_backward")
 PHOTO_MEAN: Final = "mean colour of the object's pixels"
+BRIGHTER: Final = 1.35  # materials than their renders, about
+PHOTO_BRIGHTENED: Final = f"that colour, {BRIGHTER} times as bright"
 GREY: Final = "grey"
 BOUND: Final = "true colours at the predicted points"
 MIDDLE: Final = 128
@@ -71,7 +73,8 @@ def _view_errors(encoder: Encoder, retrieval: Retrieval, case: Case, photo: byte
         raise ValueError(f"the model {encoder.name} has no colour: train it with `hof-model color`, export again")
     pairs = _pairs(draw(encoder.spec, functions.theta), case.points)
     found, found_colours = retrieval.surface(photo)
-    constants = {PHOTO_MEAN: object_mean(crop), GREY: np.full(3, MIDDLE)}
+    mean = object_mean(crop)
+    constants = {PHOTO_MEAN: mean, PHOTO_BRIGHTENED: np.minimum(BRIGHTER * mean, 255), GREY: np.full(3, MIDDLE)}
     return {
         encoder.name: _errors(pairs, ColorSampler(functions.color).colors(POINTS), case.colours),
         **{name: _errors(pairs, np.broadcast_to(one, (POINTS, 3)), case.colours) for name, one in constants.items()},
