@@ -8,6 +8,7 @@ import httpx
 import pytest
 from conftest import Server, disc, image_file
 from prometheus_client.parser import text_string_to_metric_families
+from slow import until
 
 from service.observing import Templates
 
@@ -85,8 +86,8 @@ def test_a_fault_is_counted_and_answered_with_the_requests_id(
     answer = client.get("/objects", headers={"X-Request-ID": "mine"})
     assert (answer.status_code, answer.headers["x-request-id"]) == (500, "mine")
     assert answer.headers["x-content-type-options"] == "nosniff"
-    told = figures(client)
-    assert told["hof_http_unserved_total", "failed"] == told["hof_http_requests_total", "GET", "/objects", "500"] == 1
+    until(lambda: figures(client)["hof_http_unserved_total", "failed"] == 1)  # it counts after it has answered
+    assert figures(client)["hof_http_requests_total", "GET", "/objects", "500"] == 1
 
 
 @pytest.mark.parametrize(
