@@ -22,6 +22,7 @@ MEDIA_TYPE: Final = "application/problem+json"
 HEADERS: Final = {
     408: {"Connection": "close"},
     413: {"Connection": "close"},  # the rest of the body is unread: the connection cannot be used again
+    500: {"Connection": "close"},  # the server logs the fault, and closes
     503: {"Retry-After": "1"},
 }
 INTERNAL_DETAIL: Final = "the service failed to answer this request; the fault is in its log"
@@ -120,4 +121,5 @@ async def _disconnected(request: Request, error: Exception) -> JSONResponse:
 async def _unexpected(request: Request, error: Exception) -> JSONResponse:
     """Anything else: Starlette raises it again afterwards, so that the server logs it."""
     title = HTTPStatus.INTERNAL_SERVER_ERROR.phrase
-    return _respond(Problem(type="about:blank", title=title, status=500, detail=INTERNAL_DETAIL))
+    problem = Problem(type="about:blank", title=title, status=500, detail=INTERNAL_DETAIL)
+    return _respond(problem, HEADERS[500])
