@@ -213,7 +213,7 @@ def test_a_write_that_fails_leaves_the_old_file(here: Path, monkeypatch: pytest.
         yield b"half"
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("service.cli.write", broken)
+    monkeypatch.setattr("service.commands.write", broken)
     before = sorted(here.iterdir())
     assert main(["encode", "photo.png", "-o", "out.ply"]) == 2
     assert sorted(here.iterdir()) == before

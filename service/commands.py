@@ -1,0 +1,165 @@
+"""What `hof` does with files alone: photos and weights in; points, surfaces, pictures and weights out."""
+
+import argparse
+import io
+import json
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any, Final
+
+from pydantic import BaseModel
+
+from service.composition import Member, check
+from service.encoder import Encoder
+from service.errors import HofError, InvalidParameter
+from service.formats import POINT_FORMATS, Format, PointFormat, write
+from service.formats.mesh import MESH_FORMATS
+from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
+from service.images import preprocess
+from service.mapping import Array, Functions, MappingSpec, joined, word_of
+from service.matting import Matting
+from service.points import check_size
+from service.queries import EncodeQuery, MeshQuery, PointsQuery
+from service.sampler import Sampler
+from service.settings import POINTS_CEILING, Settings
+from service.sheet import MAX_POINTS, label, rows_of_words, sheet
+from service.surface import surface_of
+
+PICTURE: Final = ".png"
+
+
+def encode(arguments: argparse.Namespace) -> None:
+    """Encode the photo of one object and write its points, or its weights as .safetensors."""
+    settings = settings_of(arguments)
+    query = EncodeQuery(**given(arguments, EncodeQuery) | {"model": None})
+    as_weights = arguments.output.suffix == WEIGHT_FORMATS["safetensors"].extension
+    if not as_weights:
+        _points_query(arguments)  # refuses before the work is done
+    encoder = Encoder.open(settings.model[0], settings.threads)
+    framing = encoder.framing
+    if query.foreground_ratio is not None:
+        framing = replace(framing, foreground_ratio=query.foreground_ratio)
+    matting = Matting.of(settings.matting_model, settings.threads)
+    photo = arguments.photo.read_bytes()
+    framed = preprocess(photo, framing, query.background, settings.max_image_pixels, matting)
+    functions = encoder.encode(framed.tensor)[0]
+    if as_weights:
+        weights = Weights(encoder.spec, functions.theta, encoder.name, color=functions.color)
+        _write(arguments.output, [dump(weights, "safetensors")])
+    else:
+        _write_points(arguments, encoder.spec, functions)
+
+
+def sample(arguments: argparse.Namespace) -> None:
+    """Sample a weights file: the same points as the service gives for the object."""
+    _points_query(arguments)
+    weights = _load(arguments.weights)
+    _write_points(arguments, weights.spec, weights.functions)
+
+
+def mesh(arguments: argparse.Namespace) -> None:
+    """Write the surface of a weights file: the same triangles as the service gives for the object."""
+    fmt = _format(arguments.output, MESH_FORMATS)
+    query = MeshQuery(**given(arguments, MeshQuery))
+    weights = _load(arguments.weights)
+    sampler = Sampler(weights.spec, word_of(weights.spec, weights.theta))
+    _write(arguments.output, [fmt.dump(surface_of(sampler, query.resolution, query.scale))])
+
+
+def compose(arguments: argparse.Namespace) -> None:
+    """Compose the functions of k weights files and write the points of A B: f_A(f_B(x)), the last one applied first.
+    As .png: a picture of the words over two files, A and B; all of k = 2, those from A to B of a larger k."""
+    as_picture = arguments.output.suffix == PICTURE
+    if not as_picture:
+        _points_query(arguments)
+    word = [_load(path) for path in arguments.weights]
+    kinds = ((each.spec, bool(each.word), each.color.spec if each.color else None) for each in word)
+    members = [Member(str(path), *kind) for path, kind in zip(arguments.weights, kinds, strict=True)]
+    check(members, "all" if as_picture else "compose")
+    if as_picture:
+        _write_sheet(arguments, word[0].spec, [each.theta for each in word])
+    else:
+        _write_points(arguments, word[0].spec, joined([each.functions for each in word]))
+
+
+def info(arguments: argparse.Namespace) -> None:
+    """Print the model's name, the spec and the size of theta, as JSON; its word and its colour's spec, if any."""
+    weights = _load(arguments.weights)
+    told: dict[str, Any] = {"model": weights.model, "spec": asdict(weights.spec), "size": weights.spec.size}
+    if weights.color:
+        told["color_spec"] = asdict(weights.color.spec)
+    if weights.word:
+        told["word"] = weights.word
+    print(json.dumps(told, indent=2))
+
+
+def settings_of(arguments: argparse.Namespace) -> Settings:
+    """The settings that were given as flags, the rest from the environment. Raises ValidationError."""
+    return Settings(**given(arguments, Settings))
+
+
+def given(arguments: argparse.Namespace, model: type[BaseModel]) -> dict[str, Any]:
+    """The arguments that are fields of a model and were given."""
+    return {name: value for name, value in vars(arguments).items() if name in model.model_fields and value is not None}
+
+
+def _load(path: Path) -> Weights:
+    """A weights file. Raises CorruptWeights or InvalidSpec, which name it."""
+    try:
+        return load(path.read_bytes())
+    except HofError as error:
+        raise type(error)(f"{path}: {error.detail}") from error
+
+
+def _points_query(arguments: argparse.Namespace) -> tuple[PointFormat, PointsQuery]:
+    """What to sample, and the format that the output's suffix tells."""
+    fmt = _format(arguments.output, POINT_FORMATS)
+    query = PointsQuery(**given(arguments, PointsQuery))
+    check_size(fmt, query.n, POINTS_CEILING)
+    return fmt, query
+
+
+def _format(path: Path, formats: Mapping[str, Format]) -> Format:
+    """The format that a file's suffix tells. Raises InvalidParameter."""
+    suffixes = {fmt.extension: fmt for fmt in formats.values()}
+    if path.suffix not in suffixes:
+        raise InvalidParameter(f"{path}: no format has the suffix {path.suffix!r}, only {', '.join(suffixes)}")
+    return suffixes[path.suffix]
+
+
+def _write_points(arguments: argparse.Namespace, spec: MappingSpec, functions: Functions) -> None:
+    fmt, query = _points_query(arguments)
+    cloud = query.cloud(spec, functions)
+    _write(arguments.output, write(fmt.holding(color=cloud.functions.color is not None), cloud))
+
+
+def _write_sheet(arguments: argparse.Namespace, spec: MappingSpec, thetas: Sequence[Array]) -> None:
+    """A picture of the words over A and B, whose thetas these are, (spec.size,) each."""
+    query = PointsQuery(**given(arguments, PointsQuery))
+    if query.n > MAX_POINTS:
+        raise InvalidParameter(f"n is {query.n}, a picture shows at most {MAX_POINTS} points of a word", field="n")
+    if query.scale != 1:
+        raise InvalidParameter("a picture has no scale", field="scale")
+
+    def points(word: str) -> Array:
+        functions = tuple(thetas["AB".index(letter)] for letter in word)
+        return Sampler(spec.with_k(len(word)), functions).points(query.n, seed=query.seed, sampling=query.sampling)
+
+    rows = [[(label(word, spec.k), points(word)) for word in row] for row in rows_of_words(spec.k)]
+    names = (f"{letter}: {path.stem}" for letter, path in zip("AB", arguments.weights, strict=True))
+    file = io.BytesIO()
+    sheet(rows, ", ".join(names)).save(file, "PNG", optimize=True)
+    _write(arguments.output, [file.getvalue()])
+
+
+def _write(path: Path, pieces: Iterable[bytes]) -> None:
+    """Write a file whole or not at all: under another name first, beside where it goes."""
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with part.open("xb") as file:
+            file.writelines(pieces)
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
