@@ -169,7 +169,7 @@ def section(found: Trials) -> str:
     """The section of RESULTS.md: what was asked, the table, and why the service makes surfaces as it does."""
     cloud, made = found.trials[0], found.made
     served = next(trial for trial in found.trials if trial.way == SERVED)
-    share, longest = served.mean("f@2%") / cloud.mean("f@2%"), max(served.ms)
+    share, longest = _share(served, cloud), max(served.ms)
     rows = [[trial.way, *_row(trial, cloud)] for trial in found.trials]
     head = ["way", *METRICS, "share of the points' f@2%", "closed", "triangles", "ms, median", "ms, most"]
     return f"""## Surfaces
@@ -193,11 +193,17 @@ What it is not is closed: who needs a solid to print takes the points to a tool 
 
 def _row(trial: Trial, cloud: Trial) -> list[str]:
     figures = [f"{trial.mean(metric):.3f}" for metric in METRICS]
-    share = f"{trial.mean('f@2%') / cloud.mean('f@2%'):.3f}"
+    share = f"{_share(trial, cloud):.3f}"
     if trial is cloud:
         return [*figures, share, "-", "-", f"{np.median(trial.ms):.0f}", f"{max(trial.ms):.0f}"]
     closed, triangles = f"{np.mean(trial.closed):.0%}", f"{np.mean(trial.triangles):,.0f}"
     return [*figures, share, closed, triangles, f"{np.median(trial.ms):.0f}", f"{max(trial.ms):.0f}"]
+
+
+def _share(trial: Trial, cloud: Trial) -> float:
+    """Of the points' F@2%; 0 where they have none."""
+    own = cloud.mean("f@2%")
+    return trial.mean("f@2%") / own if own else 0.0
 
 
 def _met(condition: bool) -> str:
