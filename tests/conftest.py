@@ -39,6 +39,7 @@ def database_url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
 
 
 ROOT = Path(__file__).parents[1]
+pytest_plugins = ["browsing"]
 
 
 @pytest.fixture(scope="session")
@@ -52,6 +53,7 @@ def slow_model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tiny_model.build(tmp_path_factory.mktemp("model") / "slow.onnx", trips=400_000)
 
 
+@pytest.fixture(scope="session")
 def colored_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The tiny model with a second output, which colours its objects."""
     path = tmp_path_factory.mktemp("colored") / "tiny-k2.onnx"

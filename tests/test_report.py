@@ -81,6 +81,7 @@ def test_pictures_show_the_objects(root: Path) -> None:
 
 
 def test_a_model_in_colour_has_a_section_and_raw_metrics_of_it(data: Path, colored_path: Path, tmp_path: Path) -> None:
+    trials(0.39, 50).write(tmp_path / "model/results/surfaces.json")
     assert cli.main(["results", "--model", str(colored_path), "--data", str(data), "-o", str(tmp_path)]) == 0
     section = (tmp_path / "RESULTS.md").read_text().partition("## Colour\n")[2].partition("\n## ")[0]
     methods = ["tiny-k2", "mean colour of the object's pixels", "grey", "image retrieval", "true colours at the"]
