@@ -23,7 +23,7 @@ Values = npt.NDArray[np.float64]
 
 RESOLUTION: Final = 64
 RESOLUTIONS: Final = (8, 160)
-SHELLS: Final[dict[Domain, int]] = {"sphere": 1, "ball": 12, "cube": 12, "ball4": 12}
+SHELLS: Final[dict[Domain, int]] = {"sphere": 1, "ball": 24, "cube": 24, "ball4": 24}
 MOST_STRETCH: Final = 6.0  # of a triangle's area, in medians of all; chosen on the validation split
 
 
