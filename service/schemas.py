@@ -190,6 +190,7 @@ class Model(BaseModel):
             name=encoder.name,
             digest=encoder.digest,
             spec=Spec.of(encoder.spec),
+            color=Spec.of(encoder.color_spec) if encoder.color_spec else None,
             framing=ModelFraming(**asdict(encoder.framing)),
             card=encoder.card,
         )

@@ -157,7 +157,7 @@ def test_from_the_command_line_to_a_model_in_colour(run: Path, data: Path, capsy
     encoder = Encoder.open(output, 1)
     assert encoder.color_spec == color_spec(CONFIG.spec)
     assert encoder.card["color"]["images"] >= CONFIG.batch
-    assert "- **Colour**: a head on the frozen encoder" in (output.parent / "README.md").read_text()
+    assert "- **Colour**: a head on the frozen encoder" in output.with_suffix(".md").read_text()
     assert not any("no colour" in limit for limit in encoder.card["limits"])
 
 
