@@ -102,9 +102,12 @@ async def connect(url: str) -> AsyncEngine:
 
 
 async def check(url: str) -> None:
-    """Open a database as `connect` does, read all of it where it is a file, close it. Raises UnusableStore."""
+    """Open a database as `connect` does, see that it can be written, read all of it where it is a file, close it.
+    Raises UnusableStore."""
     engine = await connect(url)
     try:
+        async with engine.begin() as connection:
+            await connection.execute(objects.delete().where(objects.c.id == ""))
         if engine.dialect.name == "sqlite":
             async with engine.begin() as connection:
                 await connection.run_sync(_check_file)

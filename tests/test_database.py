@@ -2,6 +2,8 @@
 
 import asyncio
 import sqlite3
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,7 +11,6 @@ import pytest
 from postgres import Postgres
 from test_store import NOW
 
-from service.cli import main
 from service.database import connect
 from service.mapping import HOF_1, Functions, initial_theta
 from service.store import Record, Store
@@ -81,18 +82,20 @@ def test_a_spoilt_file_is_refused_at_start_in_a_sentence_that_says_what_to_do(
     remedy: str,
     tmp_path: Path,
     model_path: Path,
-    capsys: pytest.CaptureFixture[str],
 ) -> None:
     path = tmp_path / "hof.db"
     asyncio.run(_put(f"sqlite:///{path}", 7))
     spoil(path)
     url = f"sqlite:///{'file:' if query else ''}{path}{query}"
-    assert main(["serve", "--model", str(model_path), "--database-url", url]) == 2
-    captured = capsys.readouterr()
-    assert captured.err.startswith("hof: cannot open the database sqlite:///")
-    assert captured.err.count("\n") == 1
-    assert told in captured.err
-    assert remedy in captured.err
+    command = [str(Path(sys.executable).with_name("hof")), "serve", "--port", "0"]
+    run = subprocess.run(
+        [*command, "--model", str(model_path), "--database-url", url], capture_output=True, text=True, timeout=60
+    )
+    assert run.returncode == 2, run.stderr
+    assert run.stderr.startswith("hof: cannot open the database sqlite:///")
+    assert run.stderr.count("\n") == 1
+    assert told in run.stderr
+    assert remedy in run.stderr
 
 
 def test_a_sound_file_is_not_refused(tmp_path: Path) -> None:
