@@ -109,7 +109,7 @@ def test_a_stop_is_given_its_time() -> None:
 
 
 def test_memory_holds_what_the_service_lets_in() -> None:
-    """MiB: idle, as benchmarks/RESULTS.md has it, matting, uploads, and for each thread a photo, three times in RGBA."""
+    """MiB: idle, as in benchmarks/RESULTS.md, matting, uploads, and for each thread a photo, three times in RGBA."""
     idle = re.search(r"Resident memory: (\d+) MiB idle", (ROOT / "benchmarks" / "RESULTS.md").read_text("utf-8"))
     assert idle
     limits, requests = CONTAINER["resources"]["limits"], CONTAINER["resources"]["requests"]
