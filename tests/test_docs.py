@@ -18,6 +18,7 @@ from service.settings import Settings
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text("utf-8")
+SECURITY = (ROOT / "SECURITY.md").read_text("utf-8")
 CURL_TIMEOUT_S = 30
 
 
@@ -55,6 +56,14 @@ def test_the_table_of_settings_is_that_of_the_code() -> None:
     assert rows == [_setting_row(name) for name in Settings.model_fields]
 
 
+def test_the_table_of_limits_is_that_of_the_code() -> None:
+    rows = [line for line in SECURITY.splitlines() if line.startswith("| `HOF_")]
+    named = {row.split("`")[1].removeprefix("HOF_").lower() for row in rows}
+    assert named > {name for name in Settings.model_fields if name.startswith("max_")}
+    without_flag = {name: "|" + _setting_row(name).split("|", 2)[2] for name in Settings.model_fields}
+    assert rows == [row for name, row in without_flag.items() if name in named]
+
+
 def test_the_performance_section_quotes_what_was_measured() -> None:
     section = README.partition("## Performance\n")[2].partition("\n## ")[0]
     rows = [line for line in section.splitlines() if line.startswith("|")]
@@ -80,9 +89,10 @@ def test_every_make_target_that_is_named_exists() -> None:
 
 
 def test_every_file_that_is_linked_exists() -> None:
-    linked = re.findall(r"\]\(([^):]+)\)", README)
-    assert linked
-    assert [link for link in linked if not (ROOT / link).is_file()] == []
+    for document in (ROOT / "README.md", ROOT / "SECURITY.md", ROOT / "deploy" / "README.md"):
+        linked = re.findall(r"\]\(([^):]+)\)", document.read_text("utf-8"))
+        assert linked
+        assert [link for link in linked if not (document.parent / link).is_file()] == []
 
 
 def test_every_file_of_the_layout_exists() -> None:

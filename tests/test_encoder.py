@@ -1,5 +1,7 @@
 import hashlib
 import json
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +11,8 @@ import tiny_model
 
 from service.encoder import Encoder
 from service.errors import InvalidModel
+
+OPEN_TIMEOUT_S = 60
 
 
 def test_a_model_describes_itself(model_path: Path) -> None:
@@ -119,3 +123,20 @@ def test_a_theta_that_is_not_finite_never_leaves(tmp_path: Path) -> None:
     encoder = Encoder.open(tiny_model.build(tmp_path / "m.onnx", bias=float("inf")), 1)
     with pytest.raises(InvalidModel, match="not finite"):
         encoder.warm_up()
+
+
+def test_onnxruntime_tells_its_maker_nothing(model_path: Path, tmp_path: Path) -> None:
+    """It would keep the id by which it tells and what it has to tell in the user's cache."""
+    home = tmp_path / "home"
+    home.mkdir()
+    program = (
+        f"from pathlib import Path; from service.encoder import Encoder; Encoder.open(Path({str(model_path)!r}), 1)"
+    )
+    root = str(Path(__file__).parents[1])
+    subprocess.run(
+        [sys.executable, "-c", program],
+        env={"HOME": str(home), "PYTHONPATH": root, "PYTHONDONTWRITEBYTECODE": "1"},
+        check=True,
+        timeout=OPEN_TIMEOUT_S,
+    )
+    assert list(home.iterdir()) == []
