@@ -4,6 +4,7 @@ import base64
 import json
 import math
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 import tiny_model
 from conftest import Server, running
+from slow import DEADLINE_S, runtime_of, until
 from tritonclient.http import InferenceServerClient, InferInput, InferRequestedOutput, InferResult
 from tritonclient.utils import InferenceServerException
 
@@ -224,3 +226,22 @@ def test_a_body_that_is_no_request_is_refused(
 def test_an_unknown_model_is_a_404(client: httpx.Client, call: str) -> None:
     answer = client.request(*call.split(), json=_asked() if call.startswith("POST") else None)
     assert (answer.status_code, answer.json()["error"]) == (404, "no such model is loaded; there is tiny-k2")
+
+
+def test_each_image_of_a_batch_counts_as_one_that_is_let_in(settings: Settings, slow_model: Path) -> None:
+    blue = np.zeros((2, *ONE[1:]))  # the darkest channel is black: half a second
+    blue[:, 2] = 1
+    two = _asked(shape=[2, *ONE[1:]], data=blue.ravel().tolist())
+    with (
+        running(settings.model_copy(update={"model": (slow_model,), "max_queued_images": 2})) as server,
+        httpx.Client(base_url=f"http://127.0.0.1:{server.port}", timeout=DEADLINE_S) as client,
+        ThreadPoolExecutor(1) as pool,
+    ):
+        gate = runtime_of(server).gates.images
+        taken = pool.submit(client.post, f"{MODEL}/infer", json=two)
+        until(lambda: gate.held == 2)
+        refused = client.post(f"{MODEL}/infer", json=_asked())
+        assert (refused.status_code, refused.json()["type"]) == (429, "urn:hof:problem:overloaded")
+        assert int(refused.headers["retry-after"]) >= 1
+        assert taken.result().status_code == 200
+        assert (gate.held, gate.finished, gate.refused, gate.failed) == (0, 1, 1, 0)
