@@ -16,7 +16,17 @@ from service.problems import respond
 from service.settings import Settings
 
 OPEN: Final = frozenset(
-    {"/", "/docs", "/openapi.json", "/viewer/{path:path}", "/health/live", "/health/ready", "/metrics"}
+    {
+        "/",
+        "/docs",
+        "/openapi.json",
+        "/viewer/{path:path}",
+        "/health/live",
+        "/health/ready",
+        "/v2/health/live",
+        "/v2/health/ready",
+        "/metrics",
+    }
 )
 VARY: Final = "Authorization, X-API-Key"
 

@@ -23,7 +23,7 @@ from service.metrics import Metrics
 from service.models import Models
 from service.observing import Observed, Templates
 from service.openapi import openapi_text
-from service.routes import compose, encode, health, mesh, metrics, objects, viewer
+from service.routes import compose, encode, health, inference, mesh, metrics, objects, viewer
 from service.runtime import Runtime
 from service.sampler import hold_blas_to_one_thread
 from service.schemas import Problem
@@ -64,7 +64,7 @@ def create_app(settings: Settings) -> FastAPI:
     problems.install(app)
     app.add_middleware(HeadAsGet)
     app.add_middleware(Patience, seconds=settings.client_timeout_s)
-    for module in (encode, compose, objects, mesh, health, metrics):
+    for module in (encode, compose, objects, mesh, health, inference, metrics):
         app.include_router(module.router, responses=RESPONSES)
     _serve_schema(app)
     app.router.routes.extend(viewer.routes)

@@ -67,7 +67,7 @@ class Encoder:
         ------
         InvalidModel : the network gave a number that is not finite.
         """
-        names = list(self._outputs)
+        names = list(self.outputs)
         outputs = dict(zip(names, self._session.run(names, {"image": images}), strict=True))
         for name, output in outputs.items():
             if not np.isfinite(output).all():
@@ -86,7 +86,7 @@ class Encoder:
         self.encode(self.blank())
 
     @property
-    def _outputs(self) -> dict[str, list[int]]:
+    def outputs(self) -> dict[str, list[int]]:
         """Names of the graph's outputs, and their shapes for one image."""
         theta = {"theta": [self.spec.size]}
         return theta if self.color_spec is None else theta | {"color": [self.color_spec.size]}
@@ -95,7 +95,7 @@ class Encoder:
         """Refuse metadata that disagrees with the graph."""
         size = self.framing.size
         _check_tensors("input", self._session.get_inputs(), {"image": [3, size, size]})
-        _check_tensors("output", self._session.get_outputs(), self._outputs)
+        _check_tensors("output", self._session.get_outputs(), self.outputs)
 
 
 def open_session(source: Path | bytes, threads: int, *, arena: bool = True) -> ort.InferenceSession:

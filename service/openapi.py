@@ -22,7 +22,7 @@ def openapi_text(app: FastAPI) -> str:
     schema["components"]["securitySchemes"] = SECURITY_SCHEMES
     for path, operations in schema["paths"].items():
         for operation in operations.values():
-            if not path.startswith("/health/"):
+            if not path.startswith(("/health/", "/v2/health/")):
                 _add_refusals(operation)
             _name_problems(operation["responses"])
             for parameter in operation.get("parameters", []):

@@ -6,7 +6,7 @@ from datetime import datetime
 from typing import Annotated, Any, Final, Literal
 
 import numpy as np
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, Field, computed_field
 from pydantic.json_schema import SkipJsonSchema
 
 from service.encoder import Encoder
@@ -223,6 +223,10 @@ class Problem(BaseModel):
     status: int = Field(examples=[422])
     detail: str = Field(examples=["n: Input should be less than or equal to 10000000"])
     errors: list[FieldError] | SkipJsonSchema[None] = Field(default=None, description="one entry a faulty parameter")
+
+    @computed_field(description="`detail` once more, where clients of the Open Inference Protocol look for it")
+    def error(self) -> str:  # noqa: D102
+        return self.detail
 
 
 OVERLOADED: Final[dict[str, Any]] = {

@@ -70,6 +70,8 @@ def test_a_call_without_a_known_key_is_told_how(keyed: httpx.Client, tokens: dic
         ("reader", "HEAD", "/objects", 200),
         ("reader", "POST", "/encode", 403),
         ("reader", "DELETE", "/objects/x", 403),
+        ("reader", "GET", "/v2/models/tiny-k2", 200),
+        ("reader", "POST", "/v2/models/tiny-k2/infer", 403),
         ("reader", "GET", "/metrics", 403),
         ("writer", "POST", "/encode", 415),
         ("writer", "DELETE", "/objects/x", 404),
@@ -89,7 +91,9 @@ def test_a_key_does_what_its_scopes_allow(
             assert f'scope="{scope}"' in answer.headers["www-authenticate"]
 
 
-@pytest.mark.parametrize("path", ["/", "/docs", "/openapi.json", "/viewer/main.js", "/health/live", "/health/ready"])
+@pytest.mark.parametrize(
+    "path", ["/", "/docs", "/openapi.json", "/viewer/main.js", "/health/live", "/health/ready", "/v2/health/ready"]
+)
 def test_probes_and_pages_need_no_key(keyed: httpx.Client, path: str) -> None:
     assert keyed.get(path).status_code == 200
 

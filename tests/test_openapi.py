@@ -46,6 +46,12 @@ def test_the_calls_are_those_of_the_contract(operations: dict[str, dict[str, Any
         "GET /health/live",
         "GET /health/ready",
         "GET /metrics",
+        "GET /v2",
+        "GET /v2/health/live",
+        "GET /v2/health/ready",
+        "GET /v2/models/{name}",
+        "GET /v2/models/{name}/ready",
+        "POST /v2/models/{name}/infer",
     }
 
 
@@ -60,7 +66,7 @@ def test_every_error_is_documented_as_a_problem(operations: dict[str, dict[str, 
 
 
 def test_what_needs_a_key_says_so(operations: dict[str, dict[str, Any]]) -> None:
-    open_ = {"GET /health/live", "GET /health/ready"}
+    open_ = {"GET /health/live", "GET /health/ready", "GET /v2/health/live", "GET /v2/health/ready"}
     assert {name for name, operation in operations.items() if "security" not in operation} == open_
     for name in operations.keys() - open_:
         assert operations[name]["security"] == [{}, {"bearer": []}, {"header": []}]

@@ -66,6 +66,7 @@ def test_the_unexpected_gives_nothing_away() -> None:
         "title": "Internal Server Error",
         "status": 500,
         "detail": problems.INTERNAL_DETAIL,
+        "error": problems.INTERNAL_DETAIL,
     }
 
 

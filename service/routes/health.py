@@ -1,5 +1,6 @@
 """Probes, and what the service serves with."""
 
+from collections.abc import Mapping
 from typing import Annotated
 
 from fastapi import APIRouter, Query
@@ -9,8 +10,18 @@ from service.errors import NotReady
 from service.queries import ModelQuery, NoQuery
 from service.runtime import Ready
 from service.schemas import Health, Model, ModelList
+from service.vital import Vital
 
 router = APIRouter()
+
+
+async def check(request: Request, vitals: Mapping[str, Vital]) -> None:
+    """Raises NotReady where the service is about to stop, or one of these parts does not answer."""
+    if getattr(request.state, "draining", False):
+        raise NotReady("the service is stopping")
+    for name, vital in vitals.items():
+        if not await vital.works():
+            raise NotReady(f"the {name} does not answer")
 
 
 @router.get("/health/live", tags=["health"])
@@ -22,11 +33,7 @@ async def live(query: Annotated[NoQuery, Query()]) -> Health:
 @router.get("/health/ready", tags=["health"])
 async def ready(request: Request, query: Annotated[NoQuery, Query()], runtime: Ready) -> Health:
     """The service is not about to stop, and encoder and store answer: asked, under load they may take their time."""
-    if getattr(request.state, "draining", False):
-        raise NotReady("the service is stopping")
-    for name, vital in runtime.vitals.items():
-        if not await vital.works():
-            raise NotReady(f"the {name} does not answer")
+    await check(request, runtime.vitals)
     return Health(status="ready")
 
 

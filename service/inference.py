@@ -1,0 +1,249 @@
+"""The Open Inference Protocol, version 2: its requests -> images, thetas -> its answers.
+
+A tensor is JSON, or bytes behind the JSON (the extension `binary_tensor_data`): `Inference-Header-Content-Length`
+then says where the JSON ends. https://github.com/kserve/open-inference-protocol
+"""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, Final, Literal, NamedTuple
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic_core import from_json
+
+from service.batcher import MAX_BATCH
+from service.encoder import Encoder
+from service.errors import InvalidInput, InvalidParameter
+from service.mapping import Array, Functions
+from service.problems import field_errors
+
+EXTENSION: Final = "binary_tensor_data"
+HEADER_LENGTH: Final = "Inference-Header-Content-Length"
+JSON_NUMBER_BYTES: Final = 24  # of a number and its comma: a double has 17 digits, a point, an exponent
+JSON_OVERHEAD_BYTES: Final = 16_384  # all but the numbers
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+
+class InputParameters(_Part):
+    """Where an input's numbers are."""
+
+    binary_data_size: int | None = Field(default=None, description="bytes of the tensor behind the JSON")
+
+
+class Input(_Part):
+    """The images."""
+
+    name: Literal["image"]
+    shape: list[int] = Field(description="(b, 3, size, size); `/v2/models/{name}` has the size")
+    datatype: Literal["FP32"]
+    parameters: InputParameters = InputParameters()
+    data: list[Any] | None = Field(default=None, description="RGB in [0, 1], flat or nested; the object over white")
+
+
+class OutputParameters(_Part):
+    """How an output comes."""
+
+    binary_data: bool | None = Field(default=None, description="as bytes behind the JSON, not in it")
+
+
+class Output(_Part):
+    """An output that is asked for."""
+
+    name: str
+    parameters: OutputParameters = OutputParameters()
+
+
+class RequestParameters(BaseModel):
+    """What holds for the whole request; hints of other servers, `priority` say, are passed over."""
+
+    model_config = ConfigDict(strict=True)
+
+    binary_data_output: bool = Field(default=False, description="`binary_data` of the outputs that do not say")
+
+
+class InferenceRequest(_Part):
+    """The JSON of a request."""
+
+    id: str | None = Field(default=None, max_length=200)
+    parameters: RequestParameters = RequestParameters()
+    inputs: Annotated[list[Input], Field(min_length=1, max_length=1)]
+    outputs: Annotated[list[Output], Field(max_length=2)] = []
+
+
+class InferenceServer(BaseModel):
+    """The service, as the Open Inference Protocol has it; so the models below."""
+
+    name: str = Field(examples=["hof"])
+    version: str
+    extensions: list[str]
+
+
+class Live(BaseModel):
+    """The process answers."""
+
+    live: Literal[True]
+
+
+class ServerReady(BaseModel):
+    """The service is ready."""
+
+    ready: Literal[True]
+
+
+class ModelReady(BaseModel):
+    """A model is ready."""
+
+    name: str = Field(examples=["hof1-k2"])
+    ready: Literal[True]
+
+
+class Tensor(BaseModel):
+    """An input or an output of a model."""
+
+    name: str = Field(examples=["image"])
+    datatype: Literal["FP32"]
+    shape: list[int] = Field(description="-1 stands for the batch", examples=[[-1, 3, 64, 64]])
+
+
+class InferenceModel(BaseModel):
+    """What a model takes and gives."""
+
+    name: str = Field(examples=["hof1-k2"])
+    platform: Literal["onnxruntime_onnx"]
+    inputs: list[Tensor]
+    outputs: list[Tensor]
+
+
+class Inference(NamedTuple):
+    """A request and its images, (b, 3, size, size) float32 in [0, 1]."""
+
+    request: InferenceRequest
+    images: Array
+
+
+def tensors(encoder: Encoder) -> tuple[dict[str, list[int]], dict[str, list[int]]]:
+    """Shapes of the inputs and of the outputs by name, without the batch's dimension; all are FP32."""
+    size = encoder.framing.size
+    return {"image": [3, size, size]}, encoder.outputs
+
+
+def max_body_bytes(encoder: Encoder) -> int:
+    """Most bytes of a request: MAX_BATCH images as JSON, which is more than they take as bytes."""
+    return MAX_BATCH * 3 * encoder.framing.size**2 * JSON_NUMBER_BYTES + JSON_OVERHEAD_BYTES
+
+
+def parse(body: bytes, header_length: str | None, encoder: Encoder) -> Inference:
+    """A request's body, and where its JSON ends: None for a body that is JSON throughout.
+
+    Raises
+    ------
+    InvalidInput : the body is no JSON, or shorter than its header says.
+    InvalidParameter : a member is missing, unknown or wrong, or the images are not as the encoder takes them.
+    """
+    length = len(body) if header_length is None else _length(header_length, len(body))
+    try:
+        request = InferenceRequest.model_validate(from_json(body[:length], allow_inf_nan=False))
+    except ValidationError as error:
+        first = field_errors(error.errors())[0]
+        raise InvalidParameter(f"{first.field or 'the body'}: {first.message}", field=first.field or None) from error
+    except ValueError as error:
+        raise InvalidInput("the body is no JSON") from error
+    for i, output in enumerate(request.outputs):
+        if output.name not in encoder.outputs:
+            field = f"outputs[{i}].name"
+            raise InvalidParameter(f"{field}: the model's outputs are {', '.join(encoder.outputs)}", field=field)
+    return Inference(request, _images(request.inputs[0], body[length:], encoder.framing.size))
+
+
+def answer(encoder: Encoder, request: InferenceRequest, found: Sequence[Functions]) -> tuple[bytes, dict[str, str]]:
+    """The body that answers a request with the functions of its images, and the body's headers."""
+    outputs, binary = [], []
+    for asked in request.outputs or [Output(name=name) for name in encoder.outputs]:
+        array = _stacked(asked.name, found)
+        told: dict[str, Any] = {"name": asked.name, "datatype": "FP32", "shape": array.shape}
+        wanted = asked.parameters.binary_data
+        if request.parameters.binary_data_output if wanted is None else wanted:
+            binary.append(array.astype("<f4").tobytes())
+            told["parameters"] = {"binary_data_size": array.nbytes}
+        else:
+            told["data"] = array.ravel().tolist()
+        outputs.append(told)
+    whole = {"model_name": encoder.name, "outputs": outputs} | ({"id": request.id} if request.id is not None else {})
+    header = json.dumps(whole, separators=(",", ":")).encode()
+    if not binary:
+        return header, {"Content-Type": "application/json"}
+    return b"".join((header, *binary)), {"Content-Type": "application/octet-stream", HEADER_LENGTH: str(len(header))}
+
+
+def request_schema() -> Mapping[str, Any]:
+    """The JSON schema of a request, in one piece."""
+    schema = InferenceRequest.model_json_schema()
+    definitions = schema.pop("$defs")
+
+    def inlined(part: Any) -> Any:  # noqa: ANN401
+        if isinstance(part, list):
+            return [inlined(each) for each in part]
+        if not isinstance(part, dict):
+            return part
+        if "$ref" in part:
+            part = definitions[part["$ref"].rpartition("/")[2]] | part
+        return {key: inlined(value) for key, value in part.items() if key != "$ref"}
+
+    whole: Mapping[str, Any] = inlined(schema)
+    return whole
+
+
+def _length(told: str, most: int) -> int:
+    if not (told.isascii() and told.isdecimal() and len(told) < 20 and int(told) <= most):
+        raise InvalidInput(f"{HEADER_LENGTH}: it must be at most the body's {most} bytes", field=HEADER_LENGTH)
+    return int(told)
+
+
+def _images(told: Input, binary: bytes, size: int) -> Array:
+    """The input's numbers in its shape. Raises InvalidParameter."""
+    batch, *rest = told.shape or [0]
+    if not 1 <= batch <= MAX_BATCH or rest != [3, size, size]:
+        limit = f"[b, 3, {size}, {size}], b from 1 to {MAX_BATCH}"
+        raise InvalidParameter(f"inputs[0].shape: it must be {limit}", field="inputs[0].shape")
+    binary_size = told.parameters.binary_data_size
+    if (told.data is None) == (binary_size is None):
+        raise InvalidParameter("inputs[0]: it needs either data or parameters.binary_data_size", field="inputs[0].data")
+    if told.data is not None:
+        images = _from_json(told.data, told.shape)
+    elif binary_size == len(binary) == 4 * math.prod(told.shape):
+        images, binary = np.frombuffer(binary, "<f4").reshape(told.shape), b""
+    else:
+        raise InvalidParameter(
+            f"inputs[0]: its shape has {4 * math.prod(told.shape)} bytes, binary_data_size says {binary_size}, "
+            f"{len(binary)} come behind the JSON",
+            field="inputs[0].parameters.binary_data_size",
+        )
+    if binary:
+        raise InvalidParameter(f"{len(binary)} bytes behind the JSON belong to no input", field="inputs[0].parameters")
+    if not ((images >= 0) & (images <= 1)).all():  # NaN is neither
+        raise InvalidParameter("inputs[0]: its numbers must be finite and lie in [0, 1]", field="inputs[0].data")
+    return images.astype(np.float32, copy=False)
+
+
+def _from_json(data: list[Any], shape: list[int]) -> np.ndarray[Any, np.dtype[Any]]:
+    """A flat or nested list as an array of a shape. Raises InvalidParameter."""
+    try:
+        numbers = np.asarray(data)
+    except ValueError:  # ragged
+        numbers = np.empty(0)
+    if numbers.dtype.kind not in "iuf" or numbers.shape not in ((math.prod(shape),), tuple(shape)):
+        detail = f"inputs[0].data: it must be {math.prod(shape)} numbers, flat or nested as its shape"
+        raise InvalidParameter(detail, field="inputs[0].data")
+    return numbers.reshape(shape)
+
+
+def _stacked(name: str, found: Sequence[Functions]) -> Array:
+    """An output's rows, (b, its size)."""
+    if name == "theta":
+        return np.stack([functions.theta for functions in found])
+    return np.stack([functions.color.weights for functions in found if functions.color])
