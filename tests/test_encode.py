@@ -36,7 +36,7 @@ def test_a_photo_becomes_an_object(client: httpx.Client, photo: bytes) -> None:
     assert len(made["id"]) == 32
     assert (made["kind"], made["model"], made["bytes"]) == ("encoded", "tiny-k2", 4 * tiny_model.SPEC.size)
     assert made["image"] == {"mask": "border", "box": [40, 30, 81, 71], "confidence": 1, "width": 120, "height": 90}
-    assert made["links"].keys() == {"self", "points", "weights"}
+    assert made["links"].keys() == {"self", "points", "mesh", "weights"}
     assert "weights" not in made
     kept = client.get(answer.headers["location"]).json()
     assert kept == {key: value for key, value in made.items() if key != "image"}
