@@ -136,6 +136,6 @@ def test_the_ingress_has_all_that_clients_call_and_nothing_else() -> None:
     api = {"/" + path.split("/")[1] for path in set(called) - inner}
     assert paths == api | {"/", "/viewer", "/docs", "/openapi.json"}
     prefixes = {path["path"] for path in rule["http"]["paths"] if path["pathType"] == "Prefix"}
-    assert prefixes == {"/objects", "/viewer"}  # of which alone there are paths below
+    assert prefixes == {"/objects", "/v2", "/viewer"}  # of which alone there are paths below
     services = {path["backend"]["service"]["name"] for path in rule["http"]["paths"]}
     assert services == {MANIFESTS["service.yaml"]["metadata"]["name"]}
