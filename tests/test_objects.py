@@ -55,6 +55,7 @@ def test_an_object_tells_what_it_is(client: httpx.Client) -> None:
         "links": {
             "self": f"/objects/{object_id}",
             "points": f"/objects/{object_id}/points",
+            "mesh": f"/objects/{object_id}/mesh",
             "weights": f"/objects/{object_id}/weights",
         },
     }

@@ -86,7 +86,7 @@ def test_an_encoder_that_hangs_is_not_ready_and_recovers(
     with ThreadPoolExecutor(1) as pool:
         hanging = pool.submit(quick.post, PATH, content=plain(0))
         until(lambda: quick.get("/health/ready").status_code == 503)
-        assert quick.get("/health/ready").json()["detail"] == "the encoder does not answer"
+        assert quick.get("/health/ready").json()["detail"] == "the model tiny-k2 does not answer"
         assert quick.get("/health/live").status_code == 200
         assert not hanging.done()
         hanging.result()

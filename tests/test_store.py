@@ -36,7 +36,7 @@ from service.store import Store
 async def main():
     store = await Store.open(sys.argv[1])
     for record in (await store.page(9))[0]:
-        print(record.id, (await store.get(record.id))[1].nbytes)
+        print(record.id, (await store.get(record.id))[1].theta.nbytes)
     await store.close()
 
 asyncio.run(main())
