@@ -12,7 +12,7 @@ from shapes import write_folder
 
 from model import cli
 from model.baselines import make_network
-from model.checkpoints import chosen_checkpoint, load_encoder, load_predictor
+from model.checkpoints import chosen_checkpoint, load_encoder, load_network, load_predictor
 from model.config import EncoderConfig, TrainConfig
 from model.data.build import build
 from model.data.meshes import folder_records
@@ -21,7 +21,7 @@ from model.export import TOLERANCE, export, parity
 from model.losses import chamfer
 from model.records import Record
 from model.retrain import COMPARED
-from model.train import train
+from model.train import _State, train
 from service.encoder import Encoder
 from service.images import Framing
 from service.mapping import MappingSpec
@@ -166,7 +166,7 @@ def test_a_run_starts_from_an_older_checkpoint_and_counts_its_steps(run: Path, d
 
 
 def test_a_start_of_another_kind_is_refused(run: Path, data: Path, tmp_path: Path) -> None:
-    for change in ({"spec": CONFIG.spec.with_k(1)}, {"encoder": EncoderConfig(rank=4)}, {"method": "direct"}):
+    for change in ({"encoder": EncoderConfig(rank=4)}, {"method": "direct"}):
         other = replace(CONFIG, start=str(run / "last.pt"), **change)
         with pytest.raises(ValueError, match=f"another {next(iter(change))}"):
             train(data, tmp_path / "run", other)
@@ -174,6 +174,12 @@ def test_a_start_of_another_kind_is_refused(run: Path, data: Path, tmp_path: Pat
     old_checkpoint(run, tmp_path / "old" / "last.pt")
     with pytest.raises(ValueError, match="older version"):
         train(data, tmp_path / "old", CONFIG)
+
+
+def test_a_run_of_another_spec_starts_from_the_trunk(run: Path) -> None:
+    started = _State.begin(replace(CONFIG, spec=CONFIG.spec.with_k(1), start=str(run / "last.pt"))).network.state_dict()
+    for name, value in load_network(run / "last.pt")[0].state_dict().items():
+        assert torch.equal(started[name], value) != (".head.linear." in name), name
 
 
 @pytest.mark.parametrize("method", ["hof", "deepsdf", "foldingnet", "direct"])
