@@ -4,7 +4,7 @@ from typing import Final
 
 import numpy as np
 
-from service.canonical import Sampling
+from service.canonical import Sampling, check_range
 from service.errors import CorruptWeights
 from service.mapping import Color, Colors
 from service.sampler import Sampler
@@ -32,10 +32,12 @@ class ColorSampler:
         InvalidParameter : an argument is out of range.
         CorruptWeights : the functions' values exceed float32.
         """
+        check_range(n, seed, offset, sampling)
+        canonical = self._samplers[0].canonical(n, seed, offset, sampling)
         total = np.zeros((n, 3), np.float32)
         for sampler, count in zip(self._samplers, self._counts, strict=True):
             try:
-                values = sampler.points(n, seed=seed, offset=offset, sampling=sampling)
+                values = sampler.at(canonical)
             except CorruptWeights as error:
                 raise CorruptWeights("the colour's values exceed float32", field="color") from error
             total += np.float32(count) * np.clip(values, 0, 1, out=values)

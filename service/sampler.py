@@ -23,6 +23,9 @@ CHUNK: Final = 65_536  # points
 SCALES: Final = (1e-9, 1e9)
 
 
+Canonical = tuple[Array, int, slice]  # points (input_dim, m), the index of the first, which of them are kept
+
+
 class Sampler:
     """The points of one object. Packed once; any number of threads may draw from it at a time.
 
@@ -67,10 +70,14 @@ class Sampler:
         CorruptWeights : the function's values exceed float32.
         """
         _check(n, seed, offset, scale, sampling)
+        return self.at(self.canonical(n, seed, offset, sampling), scale)
+
+    def canonical(self, n: int, seed: int, offset: int, sampling: Sampling) -> Canonical:
+        """Canonical points as in `points`, within blocks of whole tiles: for `at` of any sampler of the same spec."""
         align = self._function.align
         first = offset // align * align
         x = span(self.domain, seed, first, -(-(offset + n) // align) * align, sampling)
-        return self._finite(x, first, slice(offset - first, offset - first + n), scale)
+        return x, first, slice(offset - first, offset - first + n)
 
     def map(self, x: Array, scale: float = 1.0) -> Array:
         """The object's points for canonical points of one's own choice: (n, input_dim) float32 -> (n, 3).
@@ -82,10 +89,11 @@ class Sampler:
         n, align = len(x), self._function.align
         padded = np.zeros((x.shape[1], -(-n // align) * align), np.float32)
         padded[:, :n] = x.T
-        return self._finite(padded, 0, slice(n), scale)
+        return self.at((padded, 0, slice(n)), scale)
 
-    def _finite(self, x: Array, first: int, kept: slice, scale: float) -> Array:
-        """Canonical points (input_dim, m), numbered from `first` -> those of the object that are kept, (n, 3)."""
+    def at(self, canonical: Canonical, scale: float = 1.0) -> Array:
+        """The object's points that are kept of canonical ones, (n, 3). Raises CorruptWeights."""
+        x, first, kept = canonical
         with np.errstate(over="ignore", invalid="ignore"):  # checked below, once
             mapped = self._function.map(x, first)[:, kept]
             points: Array = np.multiply(mapped.T, np.float32(scale), order="C")
