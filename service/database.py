@@ -41,7 +41,7 @@ ASYNCPG: Final[dict[str, Any]] = {
 REMEDIES: Final = {
     sqlite3.SQLITE_NOTADB: "name another file, or restore a backup",
     sqlite3.SQLITE_CORRUPT: "restore a backup, or rescue what can be read with `sqlite3 OLD .recover | sqlite3 NEW`",
-    sqlite3.SQLITE_READONLY: "hof must be able to write the file and its folder",
+    sqlite3.SQLITE_READONLY: "it cannot be written: hof must be able to write the file and its folder",
     sqlite3.SQLITE_CANTOPEN: "name a file in a folder that hof can write",
     sqlite3.SQLITE_FULL: "free some space",
 }

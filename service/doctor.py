@@ -11,14 +11,13 @@ from typing import Final, Literal
 from sqlalchemy import make_url
 from sqlalchemy.exc import ArgumentError
 
-from service import tracing
+from service import database, tracing
 from service.access import keys_of
 from service.errors import HofError
 from service.matting import Matting
 from service.models import Models
 from service.routes.viewer import BUNDLE, NOT_BUILT
 from service.settings import MIB, Settings, available_cpus
-from service.store import Store
 
 State = Literal["ok", "warn", "fail"]
 
@@ -63,17 +62,9 @@ def _matting(settings: Settings) -> tuple[State, str]:
 
 
 def _database(settings: Settings) -> tuple[State, str]:
-    """As at start: makes the database where it is missing."""
-    asyncio.run(_write(settings.database_url))
+    """As at start: makes the database where it is missing, and reads all of it."""
+    asyncio.run(database.check(settings.database_url))
     return "ok", f"{make_url(settings.database_url).render_as_string()} opens and can be written"
-
-
-async def _write(url: str) -> None:
-    store = await Store.open(url)
-    try:
-        await store.check_writable()
-    finally:
-        await store.close()
 
 
 def _disk(settings: Settings) -> tuple[State, str]:

@@ -12,11 +12,11 @@ from typing import Any, Final, Literal
 
 import numpy as np
 from sqlalchemy import Row, select
-from sqlalchemy.exc import DBAPIError, IntegrityError, SQLAlchemyError
+from sqlalchemy.exc import DBAPIError, IntegrityError
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine
 
 from service.database import connect, is_full, objects, uses
-from service.errors import InUse, InvalidParameter, NotFound, StoreFull, UnusableStore
+from service.errors import InUse, InvalidParameter, NotFound, StoreFull
 from service.mapping import Array, Color, Functions, MappingSpec, joined
 
 Kind = Literal["encoded", "imported", "composed", "interpolated"]
@@ -65,14 +65,6 @@ class Store:
         """Ask the database for nothing. Raises what SQLAlchemy raises when it does not answer."""
         async with self._engine.connect() as connection:
             await connection.execute(select(1))
-
-    async def check_writable(self) -> None:
-        """Delete nothing, for which the database takes its lock. Raises UnusableStore where it may not write."""
-        try:
-            async with self._engine.begin() as connection:
-                await connection.execute(objects.delete().where(objects.c.id == ""))
-        except SQLAlchemyError as error:
-            raise UnusableStore(f"the database cannot be written: {getattr(error, 'orig', error)}") from error
 
     async def put(self, record: Record, functions: Functions | None) -> tuple[Record, bool]:
         """Keep an object under ``record.id`` unless there is one.
