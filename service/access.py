@@ -102,8 +102,7 @@ class Access:
         headers["RateLimit"] = f'"requests";r={remaining};t={wait_s}'
         if not allowed:
             scope["hof.limited"] = True
-            headers["Retry-After"] = str(wait_s)
-            raise RateLimited(f"more than {rate.amount} requests in {rate.window_s} s")
+            raise RateLimited(f"more than {rate.amount} requests in {rate.window_s} s", retry_after_s=wait_s)
 
 
 class Rate:

@@ -15,9 +15,10 @@
     ├── InvalidParameter        422  a parameter out of range, or of the wrong kind
     │   ├── NoObjectFound            nothing to encode in the image
     │   └── InvalidSpec              a mapping spec that describes no function
-    ├── Overloaded              429  as much work as is let in is already there
-    ├── RateLimited             429  more requests than the rate limit
-    ├── NotReady                503  the encoder is still loading
+    ├── TryLater                     what may succeed later, and when
+    │   ├── Overloaded          429  as much work as is let in is already there
+    │   ├── RateLimited         429  more requests than the rate limit
+    │   └── NotReady            503  the encoder is still loading
     ├── StoreFull               507  the database has no space for what is written
     ├── InvalidModel            500  the model file is unusable: refused at start
     ├── InvalidKeys             500  the file of API keys is unusable: refused at start
@@ -133,25 +134,29 @@ class InvalidSpec(InvalidParameter):
     title = "Invalid spec"
 
 
-class Overloaded(HofError):
-    """More work than is let in; `retry_after_s` is when there should be room again."""
-
-    status = 429
-    title = "Overloaded"
+class TryLater(HofError):
+    """A call that may succeed when it comes again, after `retry_after_s` seconds."""
 
     def __init__(self, detail: str, *, field: str | None = None, retry_after_s: int = 1) -> None:
         super().__init__(detail, field=field)
         self.retry_after_s = retry_after_s
 
 
-class RateLimited(HofError):
+class Overloaded(TryLater):
+    """More work than is let in."""
+
+    status = 429
+    title = "Overloaded"
+
+
+class RateLimited(TryLater):
     """More requests than the rate limit."""
 
     status = 429
     title = "Rate limited"
 
 
-class NotReady(HofError):
+class NotReady(TryLater):
     """The service is starting or stopping."""
 
     status = 503

@@ -13,7 +13,7 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse
 from starlette.routing import compile_path
 
-from service.errors import HofError, InvalidParameter, Overloaded
+from service.errors import HofError, InvalidParameter, TryLater
 from service.schemas import FieldError, Problem
 
 logger: Final = logging.getLogger("hof")
@@ -23,7 +23,6 @@ HEADERS: Final = {
     408: {"Connection": "close"},
     413: {"Connection": "close"},  # the rest of the body is unread: the connection cannot be used again
     500: {"Connection": "close"},  # the server logs the fault, and closes
-    503: {"Retry-After": "1"},
 }
 INTERNAL_DETAIL: Final = "the service failed to answer this request; the fault is in its log"
 
@@ -59,7 +58,7 @@ def respond(error: HofError) -> JSONResponse:
     problem = Problem(
         type=_type(error.title), title=error.title, status=error.status, detail=error.detail, errors=errors
     )
-    if isinstance(error, Overloaded):
+    if isinstance(error, TryLater):
         return _respond(problem, {"Retry-After": str(error.retry_after_s)})
     return _respond(problem, HEADERS.get(error.status))
 
