@@ -22,6 +22,10 @@ MAX_SEED = 2**63 - 1
 ModelName = Annotated[
     str | None, Field(max_length=200, description="name of a loaded model; by default the first that `/models` lists")
 ]
+Scale = Annotated[
+    float,
+    Field(ge=SCALES[0], le=SCALES[1], description="length of the longest side, in metres say; the object's own is 1"),
+]
 
 
 class NoQuery(BaseModel):
@@ -75,12 +79,7 @@ class PointsQuery(NoQuery):
         le=2**53,
         description="points to skip: n=10&offset=90 are the last ten of n=100 of the same seed",
     )
-    scale: float = Field(
-        default=1.0,
-        ge=SCALES[0],
-        le=SCALES[1],
-        description="length of the longest side, in metres say; the object's own is 1",
-    )
+    scale: Scale = 1.0
     sampling: Sampling = Field(
         default="uniform",
         description="`uniform` draws independent points; `sobol` covers the object more evenly, for offset + n up to "
@@ -89,7 +88,6 @@ class PointsQuery(NoQuery):
     format: PointFormatName | None = Field(
         default=None, description="file format; wins over `Accept`; PLY where neither says"
     )
-
     color: Literal["auto", "none"] = Field(
         default="auto",
         description="`auto` writes colours where the object has them and the format holds them: `ply`, `json`, `glb`, "
@@ -111,12 +109,7 @@ class MeshQuery(NoQuery):
         le=RESOLUTIONS[1],
         description="20 resolution^2 triangles, of which those that the function tears apart are left out",
     )
-    scale: float = Field(
-        default=1.0,
-        ge=SCALES[0],
-        le=SCALES[1],
-        description="length of the longest side, in metres say; the object's own is 1",
-    )
+    scale: Scale = 1.0
     format: MeshFormatName | None = Field(
         default=None, description="file format; wins over `Accept`; GLB where neither says"
     )

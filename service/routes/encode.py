@@ -14,6 +14,7 @@ from service.ids import encoded_id
 from service.images import Framed, Framing, preprocess
 from service.mapping import Functions
 from service.queries import EncodeQuery
+from service.routes.files import BINARY
 from service.runtime import Ready, Runtime
 from service.schemas import OVERLOADED, EncodedObject, EncodedWeights, Problem
 from service.store import Record
@@ -21,7 +22,6 @@ from service.uploads import read_image, size_ahead
 
 router = APIRouter()
 
-BINARY: Final = {"schema": {"type": "string", "format": "binary"}}
 FORM: Final = {
     "schema": {
         "type": "object",

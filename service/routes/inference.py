@@ -29,6 +29,7 @@ from service.inference import (
 )
 from service.mapping import Array, Functions
 from service.queries import NoQuery
+from service.routes.files import BINARY
 from service.routes.health import check
 from service.runtime import Ready
 from service.schemas import OVERLOADED, Problem
@@ -37,7 +38,6 @@ from service.uploads import read_body, size_ahead
 router = APIRouter(prefix="/v2", tags=["inference"])
 
 NoParameters = Annotated[NoQuery, Query()]
-BINARY: Final = {"schema": {"type": "string", "format": "binary"}}
 MISSING: Final[dict[int | str, dict[str, Any]]] = {
     404: {"model": Problem, "description": "No loaded model of the name"}
 }

@@ -12,10 +12,9 @@ from service.formats import negotiate
 from service.formats.mesh import MESH_FORMATS, MeshFormat
 from service.mapping import Array, MappingSpec, word_of
 from service.queries import MeshQuery
-from service.routes.objects import BINARY, FILE_HEADERS, MISSING, NOT_MODIFIED, ObjectId, attachment, cached
+from service.routes.files import NOT_ACCEPTABLE, ObjectId, attachment, cached, file_responses
 from service.runtime import Ready
 from service.sampler import Sampler
-from service.schemas import OVERLOADED, Problem
 from service.surface import surface_of
 
 router = APIRouter(prefix="/objects", tags=["objects"])
@@ -24,17 +23,7 @@ router = APIRouter(prefix="/objects", tags=["objects"])
 @router.get(
     "/{id}/mesh",
     response_class=Response,
-    responses=MISSING
-    | NOT_MODIFIED
-    | {
-        200: {
-            "description": "The surface in the chosen format",
-            "content": {fmt.media_type: BINARY for fmt in MESH_FORMATS.values()},
-            "headers": FILE_HEADERS,
-        },
-        429: OVERLOADED,
-        406: {"model": Problem, "description": "No format satisfies `Accept`"},
-    },
+    responses=file_responses("The surface in the chosen format", MESH_FORMATS.values()) | NOT_ACCEPTABLE,
 )
 async def mesh(request: Request, id_: ObjectId, query: Annotated[MeshQuery, Query()], runtime: Ready) -> Response:
     """The object's surface: triangles of the canonical domain through f^k, with normals, in the object frame (+Y up,

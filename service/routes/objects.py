@@ -1,44 +1,27 @@
 """The stored objects, and what each gives: points and weights."""
 
 from datetime import UTC, datetime
-from typing import Annotated, Any, Final
+from typing import Annotated
 
-from fastapi import APIRouter, Depends, Path, Query
+from fastapi import APIRouter, Query
 from starlette.requests import Request
 from starlette.responses import Response, StreamingResponse
 
-from service.caching import CACHE_CONTROL, accepts_gzip, etag, is_fresh
+from service.caching import accepts_gzip, etag, is_fresh
 from service.clients import AdmittedStream, while_there
-from service.errors import InvalidParameter, NotFound
+from service.errors import InvalidParameter
 from service.formats import POINT_FORMATS, negotiate
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
-from service.ids import imported_id, is_id
+from service.ids import imported_id
 from service.points import PROBE_POINTS, check_finite, check_size, gzipped, in_flight, stream
 from service.queries import NoQuery, PageQuery, PointsQuery, WeightsQuery
+from service.routes.files import BINARY, MISSING, NOT_ACCEPTABLE, ObjectId, attachment, cached, file_responses
 from service.runtime import Ready
 from service.schemas import OVERLOADED, ObjectPage, Problem, StoredObject
 from service.store import Record
 from service.uploads import read_body, size_ahead
 
 router = APIRouter(prefix="/objects", tags=["objects"])
-BINARY: Final = {"schema": {"type": "string", "format": "binary"}}
-FILE_HEADERS: Final = {
-    "Content-Disposition": {"description": "a file name", "schema": {"type": "string"}},
-    "ETag": {"description": "weak: of the object, the parameters and the version", "schema": {"type": "string"}},
-    "Cache-Control": {"description": "an object never changes", "schema": {"type": "string"}},
-}
-NOT_MODIFIED: Final[dict[int | str, dict[str, Any]]] = {304: {"description": "`If-None-Match` names this very answer"}}
-MISSING: Final[dict[int | str, dict[str, Any]]] = {404: {"model": Problem, "description": "No object of that id"}}
-
-
-async def object_id(id_: Annotated[str, Path(alias="id", description="id of an object")]) -> str:
-    """The id of the path. Raises NotFound for what cannot be one, before a database has to make sense of it."""
-    if not is_id(id_):
-        raise NotFound("there is no object of this id")
-    return id_
-
-
-ObjectId = Annotated[str, Depends(object_id)]
 
 
 @router.get("")
@@ -111,17 +94,7 @@ async def delete_object(id_: ObjectId, query: Annotated[NoQuery, Query()], runti
 @router.get(
     "/{id}/points",
     response_class=StreamingResponse,
-    responses=MISSING
-    | NOT_MODIFIED
-    | {
-        200: {
-            "description": "The points, streamed",
-            "content": {fmt.media_type: BINARY for fmt in POINT_FORMATS.values()},
-            "headers": FILE_HEADERS,
-        },
-        406: {"model": Problem, "description": "No format satisfies `Accept`"},
-        429: OVERLOADED,
-    },
+    responses=file_responses("The points, streamed", POINT_FORMATS.values()) | NOT_ACCEPTABLE,
 )
 async def points(request: Request, id_: ObjectId, query: Annotated[PointsQuery, Query()], runtime: Ready) -> Response:
     """Sample the object: canonical points through f^k, in the object frame (+Y up, front +Z, longest side 1), each
@@ -158,16 +131,7 @@ async def points(request: Request, id_: ObjectId, query: Annotated[PointsQuery, 
 @router.get(
     "/{id}/weights",
     response_class=Response,
-    responses=MISSING
-    | NOT_MODIFIED
-    | {
-        200: {
-            "description": "theta in the chosen format",
-            "content": {fmt.media_type: BINARY for fmt in WEIGHT_FORMATS.values()},
-            "headers": FILE_HEADERS,
-        },
-        429: OVERLOADED,
-    },
+    responses=file_responses("theta in the chosen format", WEIGHT_FORMATS.values()),
 )
 async def weights(request: Request, id_: ObjectId, query: Annotated[WeightsQuery, Query()], runtime: Ready) -> Response:
     """theta and its spec: all that is needed to sample the object elsewhere. A composed object has k, and its word.
@@ -185,16 +149,6 @@ async def weights(request: Request, id_: ObjectId, query: Annotated[WeightsQuery
         data = await while_there(request, runtime.run(dump, kept, query.format))
     fmt = WEIGHT_FORMATS[query.format]
     return Response(data, headers=headers | attachment(id_, fmt.extension), media_type=fmt.media_type)
-
-
-def cached(tag: str) -> dict[str, str]:
-    """Headers of an answer that may be kept."""
-    return {"ETag": tag, "Cache-Control": CACHE_CONTROL}
-
-
-def attachment(id_: str, extension: str) -> dict[str, str]:
-    """The header that names the file."""
-    return {"Content-Disposition": f'attachment; filename="hof-{id_}{extension}"'}
 
 
 def _finite_weights(body: bytes) -> Weights:
