@@ -1,22 +1,19 @@
 """`hof-model`: build data, train, evaluate, export. One subcommand per stage."""
 
 import argparse
-import os
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
+from model.data.stages import DATA, add_stages
 from service.errors import HofError
 
-if TYPE_CHECKING:
-    from model.data.meshes import MeshRecord
-
-DATA: Final = Path("data/sweethome3d")
 RUN: Final = Path("runs/hof1-k2")
 SHIPPED: Final = Path(__file__).resolve().parent / "weights" / "hof1-k2.onnx"
 ROOT: Final = Path(__file__).resolve().parent.parent
+SPLITS: Final = ("train", "val", "test")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -34,7 +31,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="hof-model", description=__doc__)
     stages = parser.add_subparsers(required=True, metavar="STAGE")
-    _add_data(stages.add_parser("data", help="build or look at a data set").add_subparsers(required=True))
+    add_stages(stages.add_parser("data", help="build or look at a data set").add_subparsers(required=True))
     _add_train(stages.add_parser("train", help="train an image encoder; an existing run is resumed"))
     _add_evaluate(stages.add_parser("evaluate", help="print the figures of a trained model, or write its raw metrics"))
     stage = stages.add_parser("color", help="train the colour head of a trained run, whose encoder stays as it is")
@@ -53,30 +50,35 @@ def _parser() -> argparse.ArgumentParser:
     stage.add_argument("methods", nargs="*", metavar="METHOD", help="of model/retrain.py; default: all")
     stage.add_argument("--steps", type=int, default=3_000, help="of each")
     stage.add_argument("-o", "--output", type=Path, default=ROOT / "model" / "results", help="folder of the records")
+    _add_results(stages)
+    return parser
+
+
+def _add_results(stages: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """The stages that measure exported models for RESULTS.md."""
     stage = stages.add_parser("mixtures", help="measure words of two objects against the mean of their thetas")
     stage.set_defaults(run=_mixtures)
-    _add_common(stage)
     stage.add_argument("--model", type=Path, default=SHIPPED, help="an exported encoder, k of 2 or more")
-    stage.add_argument("--split", choices=("train", "val", "test"), default="test")
-    stage.add_argument("-o", "--out", type=Path, default=ROOT, help="the folder that gets model/results")
+    _add_measured(stage, "model/results")
     stage = stages.add_parser("surfaces", help="measure ways to make a surface, for RESULTS.md")
     stage.set_defaults(run=_surfaces)
-    _add_common(stage)
     stage.add_argument("--model", type=Path, default=SHIPPED)
-    stage.add_argument("--split", choices=("train", "val", "test"), default="test")
-    stage.add_argument("-o", "--out", type=Path, default=ROOT, help="the folder that gets model/results/surfaces.json")
+    _add_measured(stage, "model/results/surfaces.json")
     stage = stages.add_parser("results", help="evaluate the shipped weights, write RESULTS.md")
     stage.set_defaults(run=_results)
-    _add_common(stage)
     stage.add_argument(
         "--model",
         type=Path,
         action="append",
         help="the model of the page; again: others beside it; default: all shipped",
     )
-    stage.add_argument("--split", choices=("train", "val", "test"), default="test")
-    stage.add_argument("-o", "--out", type=Path, default=ROOT, help="the folder that gets RESULTS.md, model/results")
-    return parser
+    _add_measured(stage, "RESULTS.md, model/results")
+
+
+def _add_measured(stage: argparse.ArgumentParser, written: str) -> None:
+    _add_common(stage)
+    stage.add_argument("--split", choices=SPLITS, default="test")
+    stage.add_argument("-o", "--out", type=Path, default=ROOT, help=f"the folder that gets {written}")
 
 
 def _add_evaluate(stage: argparse.ArgumentParser) -> None:
@@ -86,7 +88,7 @@ def _add_evaluate(stage: argparse.ArgumentParser) -> None:
     stage.add_argument("--run", type=Path, dest="folder", help="instead: a run of `hof-model train`, any method")
     stage.add_argument("--ceiling", action="store_true", help="instead: theta fitted to each object, the model's spec")
     stage.add_argument("--references", action="store_true", help="also the answers that need no training")
-    stage.add_argument("--split", choices=("train", "val", "test"), default="val")
+    stage.add_argument("--split", choices=SPLITS, default="val")
     stage.add_argument("-o", "--output", type=Path, help="write the raw metrics (JSON); the name counts for --run")
     stage.add_argument("--picture", type=Path, help="write a contact sheet of the model's predictions")
 
@@ -94,32 +96,6 @@ def _add_evaluate(stage: argparse.ArgumentParser) -> None:
 def _add_common(stage: argparse.ArgumentParser) -> None:
     stage.add_argument("--data", type=Path, default=DATA, help="folder that `hof-model data build` wrote")
     stage.add_argument("--seed", type=int, default=0)
-
-
-def _add_data(data: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    build = data.add_parser("build", help="render meshes, drop duplicates, split")
-    build.set_defaults(run=_build)
-    build.add_argument("--out", type=Path, default=DATA)
-    build.add_argument("--sh3f", type=Path, help="folder of .sh3f files, or the .deb; default: download it")
-    build.add_argument("--meshes", type=Path, help="a folder of OBJ/GLB/PLY/STL/OFF instead of Sweet Home 3D")
-    build.add_argument("--licence", default="unknown", help="licence of --meshes, written to the manifest")
-    build.add_argument("--limit", type=int, help="only the first LIMIT meshes")
-    build.add_argument("--seed", type=int, default=0)
-    build.add_argument("--processes", type=int, default=os.cpu_count() or 1)
-    vary = data.add_parser("vary", help="render free cameras and stretched shapes of a built data set")
-    vary.set_defaults(run=_vary, licence="unknown")  # the manifest has the licence
-    vary.add_argument("--data", type=Path, default=DATA)
-    vary.add_argument("--sh3f", type=Path, help="as for build")
-    vary.add_argument("--meshes", type=Path, help="as for build")
-    vary.add_argument("--variants", type=int, default=4, help="stretched shapes per training object")
-    vary.add_argument("--views", type=int, default=12, help="per shape")
-    vary.add_argument("--processes", type=int, default=os.cpu_count() or 1)
-    preview = data.add_parser("preview", help="write a contact sheet of views and points")
-    preview.set_defaults(run=_preview)
-    preview.add_argument("--data", type=Path, default=DATA)
-    preview.add_argument("-o", "--output", type=Path, default=Path("out/preview.png"))
-    preview.add_argument("--objects", type=int, default=24)
-    preview.add_argument("--variants", action="store_true", help="what `vary` wrote, one row per variant")
 
 
 def _add_train(stage: argparse.ArgumentParser) -> None:
@@ -150,42 +126,6 @@ def _add_train(stage: argparse.ArgumentParser) -> None:
     )
     stage.add_argument("--late-points", type=int, default=1_536, help="predicted points in the loss from there on")
     stage.add_argument("--late-target-points", type=int, default=3_000, help="true points likewise")
-
-
-def _build(arguments: argparse.Namespace) -> None:
-    from model.data.build import build
-
-    records = _records(arguments, arguments.out)
-    manifest = build(records[: arguments.limit], arguments.out, arguments.seed, arguments.processes)
-    sizes = {split: sum(1 for _ in manifest.of(split)) for split in ("train", "val", "test")}
-    print(f"{sizes}, {len(manifest.duplicates)} duplicates, {len(manifest.failures)} failures: {arguments.out}")
-
-
-def _records(arguments: argparse.Namespace, folder: Path) -> "list[MeshRecord]":
-    """The meshes of `--meshes`, else Sweet Home 3D's, unpacked below `folder`."""
-    from model.data.meshes import folder_records
-    from model.data.sweethome3d import sh3f_files, sh3f_records
-
-    if arguments.meshes:
-        return list(folder_records(arguments.meshes, arguments.licence))
-    work = folder / "source"
-    return [record for file in sh3f_files(arguments.sh3f, work) for record in sh3f_records(file, work)]
-
-
-def _vary(arguments: argparse.Namespace) -> None:
-    from model.data.manifest import VARIANTS
-    from model.data.variants import vary
-
-    records = _records(arguments, arguments.data)
-    failures = vary(records, arguments.data, arguments.variants, arguments.views, arguments.processes)
-    print(f"{len(failures)} failures: {arguments.data / VARIANTS}")
-
-
-def _preview(arguments: argparse.Namespace) -> None:
-    from model.data.preview import preview
-
-    preview(arguments.data, arguments.output, arguments.objects, arguments.variants)
-    print(arguments.output)
 
 
 def _train(arguments: argparse.Namespace) -> None:

@@ -59,6 +59,15 @@ def _parser() -> argparse.ArgumentParser:
     key.add_argument("--scope", choices=SCOPES, action="append", required=True, help="what it may do; repeatable")
     key.set_defaults(run=_key)
 
+    _add_commands(stages)
+
+    openapi = stages.add_parser("openapi", help="the API's schema", description=_openapi.__doc__)
+    openapi.set_defaults(run=_openapi)
+    return parser
+
+
+def _add_commands(stages: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """What works on files alone: `service.commands`."""
     encode = stages.add_parser("encode", help="a photo to points or weights", description=commands.encode.__doc__)
     encode.add_argument("photo", type=Path, help="PNG, JPEG or WebP")
     _add_output(encode, [*(fmt.extension for fmt in POINT_FORMATS.values()), WEIGHT_FORMATS["safetensors"].extension])
@@ -91,10 +100,6 @@ def _parser() -> argparse.ArgumentParser:
     info = stages.add_parser("info", help="what a weights file holds", description=commands.info.__doc__)
     info.add_argument("weights", type=Path, help="a .safetensors file")
     info.set_defaults(run=commands.info)
-
-    openapi = stages.add_parser("openapi", help="the API's schema", description=_openapi.__doc__)
-    openapi.set_defaults(run=_openapi)
-    return parser
 
 
 def _add_settings(parser: argparse.ArgumentParser, only: set[str] | None = None) -> None:

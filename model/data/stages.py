@@ -1,0 +1,74 @@
+"""`hof-model data`: build a data set, vary it, look at it."""
+
+import argparse
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from model.data.meshes import MeshRecord
+
+DATA: Final = Path("data/sweethome3d")
+
+
+def add_stages(data: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the stages: each sets `run`, a function of the parsed arguments."""
+    build = data.add_parser("build", help="render meshes, drop duplicates, split")
+    build.set_defaults(run=_build)
+    build.add_argument("--out", type=Path, default=DATA)
+    build.add_argument("--sh3f", type=Path, help="folder of .sh3f files, or the .deb; default: download it")
+    build.add_argument("--meshes", type=Path, help="a folder of OBJ/GLB/PLY/STL/OFF instead of Sweet Home 3D")
+    build.add_argument("--licence", default="unknown", help="licence of --meshes, written to the manifest")
+    build.add_argument("--limit", type=int, help="only the first LIMIT meshes")
+    build.add_argument("--seed", type=int, default=0)
+    build.add_argument("--processes", type=int, default=os.cpu_count() or 1)
+    vary = data.add_parser("vary", help="render free cameras and stretched shapes of a built data set")
+    vary.set_defaults(run=_vary, licence="unknown")  # the manifest has the licence
+    vary.add_argument("--data", type=Path, default=DATA)
+    vary.add_argument("--sh3f", type=Path, help="as for build")
+    vary.add_argument("--meshes", type=Path, help="as for build")
+    vary.add_argument("--variants", type=int, default=4, help="stretched shapes per training object")
+    vary.add_argument("--views", type=int, default=12, help="per shape")
+    vary.add_argument("--processes", type=int, default=os.cpu_count() or 1)
+    preview = data.add_parser("preview", help="write a contact sheet of views and points")
+    preview.set_defaults(run=_preview)
+    preview.add_argument("--data", type=Path, default=DATA)
+    preview.add_argument("-o", "--output", type=Path, default=Path("out/preview.png"))
+    preview.add_argument("--objects", type=int, default=24)
+    preview.add_argument("--variants", action="store_true", help="what `vary` wrote, one row per variant")
+
+
+def _build(arguments: argparse.Namespace) -> None:
+    from model.data.build import build
+
+    records = _records(arguments, arguments.out)
+    manifest = build(records[: arguments.limit], arguments.out, arguments.seed, arguments.processes)
+    sizes = {split: sum(1 for _ in manifest.of(split)) for split in ("train", "val", "test")}
+    print(f"{sizes}, {len(manifest.duplicates)} duplicates, {len(manifest.failures)} failures: {arguments.out}")
+
+
+def _records(arguments: argparse.Namespace, folder: Path) -> "list[MeshRecord]":
+    """The meshes of `--meshes`, else Sweet Home 3D's, unpacked below `folder`."""
+    from model.data.meshes import folder_records
+    from model.data.sweethome3d import sh3f_files, sh3f_records
+
+    if arguments.meshes:
+        return list(folder_records(arguments.meshes, arguments.licence))
+    work = folder / "source"
+    return [record for file in sh3f_files(arguments.sh3f, work) for record in sh3f_records(file, work)]
+
+
+def _vary(arguments: argparse.Namespace) -> None:
+    from model.data.manifest import VARIANTS
+    from model.data.variants import vary
+
+    records = _records(arguments, arguments.data)
+    failures = vary(records, arguments.data, arguments.variants, arguments.views, arguments.processes)
+    print(f"{len(failures)} failures: {arguments.data / VARIANTS}")
+
+
+def _preview(arguments: argparse.Namespace) -> None:
+    from model.data.preview import preview
+
+    preview(arguments.data, arguments.output, arguments.objects, arguments.variants)
+    print(arguments.output)
