@@ -19,7 +19,7 @@ from typing import Final
 import httpx
 import numpy as np
 
-from benchmarks.process import is_ready, serving
+from benchmarks.processes import is_ready, killable
 from service.formats.weights import Weights, dump
 from service.ids import composed_id
 from service.mapping import MappingSpec, initial_theta
@@ -57,7 +57,7 @@ class Stop:
 
 def kill(database: Path, ledger: Ledger, writes: int, **settings: object) -> None:
     """Start the service, and kill it after so many new objects, amid the next writes."""
-    with serving(f"sqlite:///{database}", **settings) as served, _writing(served.url, ledger):
+    with killable(f"sqlite:///{database}", **settings) as served, _writing(served.url, ledger):
         _wait_for(ledger, len(ledger.thetas) + writes)
         served.process.kill()
         served.process.wait()
@@ -66,7 +66,7 @@ def kill(database: Path, ledger: Ledger, writes: int, **settings: object) -> Non
 def stop(database: Path, ledger: Ledger, **settings: object) -> Stop:
     """Start the service, write, send SIGTERM, and write until no connection is taken any more."""
     ledger.broken.clear()
-    with serving(f"sqlite:///{database}", drain_s=DRAIN_S, **settings) as served, _writing(served.url, ledger):
+    with killable(f"sqlite:///{database}", drain_s=DRAIN_S, **settings) as served, _writing(served.url, ledger):
         _wait_for(ledger, len(ledger.thetas) + WRITERS)
         served.process.send_signal(signal.SIGTERM)
         start = time.perf_counter()

@@ -1,4 +1,4 @@
-"""Servers as processes of their own, pinned to a core, and what the kernel tells about them. Linux."""
+"""Servers as processes of their own, to be measured, killed and stopped; and what the kernel tells of them. Linux."""
 
 import os
 import signal
@@ -9,12 +9,16 @@ import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from http import HTTPStatus
+from http.client import HTTPConnection
 from pathlib import Path
 from typing import Final
 
 import httpx
 
 ROOT: Final = Path(__file__).resolve().parent.parent
+HOF: Final = str(Path(sys.executable).with_name("hof"))
 START_TIMEOUT_S: Final = 120
 STOP_TIMEOUT_S: Final = 20
 
@@ -22,7 +26,47 @@ STOP_TIMEOUT_S: Final = 20
 def hof(threads: int, **settings: str | int) -> list[str]:
     """The command of our own service; `{port}` stands for its port."""
     flags = [f"--{name.replace('_', '-')}={value}" for name, value in settings.items()]
-    return [str(Path(sys.executable).with_name("hof")), "serve", "--port={port}", f"--threads={threads}", *flags]
+    return [HOF, "serve", "--port={port}", f"--threads={threads}", *flags]
+
+
+@dataclass(frozen=True)
+class Served:
+    """A process that serves at `url`."""
+
+    process: subprocess.Popen[bytes]
+    url: str
+
+
+@contextmanager
+def killable(database_url: str, *prefix: str, **settings: object) -> Iterator[Served]:
+    """Start the service on a store that outlives it, and wait until it is ready; kill it in the end, if it still runs.
+
+    Parameters
+    ----------
+    prefix : a command that runs another, before `hof serve`.
+    settings : fields of Settings, handed over as HOF_*.
+    """
+    port = _free_port()
+    url = f"http://127.0.0.1:{port}"
+    fields = {"log_level": "error", **settings, "port": port, "database_url": database_url}
+    environment = {**os.environ, **{f"HOF_{name.upper()}": str(value) for name, value in fields.items()}}
+    process = subprocess.Popen([*prefix, HOF, "serve"], env=environment)  # noqa: S603
+    try:
+        _wait(f"{url}/health/ready", process)
+        yield Served(process, url)
+    finally:
+        process.kill()
+        process.wait()
+
+
+def is_ready(url: str) -> bool:
+    """Whether a new connection is told that the service is ready. Raises ConnectionError where none is taken."""
+    connection = HTTPConnection(url.removeprefix("http://"), timeout=30)
+    try:
+        connection.request("GET", "/health/ready")
+        return connection.getresponse().status == HTTPStatus.OK
+    finally:
+        connection.close()
 
 
 @contextmanager

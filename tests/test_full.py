@@ -14,7 +14,7 @@ import httpx
 import pytest
 from postgres import Postgres
 
-from benchmarks.process import Served, serving
+from benchmarks.processes import Served, killable
 from service.formats.weights import Weights, dump
 from service.mapping import HOF_1, initial_theta
 
@@ -29,7 +29,7 @@ Limit = Callable[[Path, Path], AbstractContextManager[tuple[Served, Path, Grow]]
 def _small_file_system(folder: Path, model: Path) -> Iterator[tuple[Served, Path, Grow]]:
     """A service whose database lies on a file system of 1 MiB, half of it taken; growing frees that half."""
     mount = [*NAMESPACE, "sh", "-c", MOUNT, str(folder)]
-    with serving(f"sqlite:///{folder}/hof.db", *mount, model=model) as served:
+    with killable(f"sqlite:///{folder}/hof.db", *mount, model=model) as served:
         seen = Path(f"/proc/{served.process.pid}/root{folder}")
         ballast = seen / "ballast"
         ballast.write_bytes(bytes(500_000))
@@ -40,7 +40,7 @@ def _small_file_system(folder: Path, model: Path) -> Iterator[tuple[Served, Path
 def _file_size_limit(folder: Path, model: Path) -> Iterator[tuple[Served, Path, Grow]]:
     """A service none of whose files may exceed 300 kB; growing lifts the limit."""
     unlimited = (resource.RLIM_INFINITY, resource.RLIM_INFINITY)
-    with serving(f"sqlite:///{folder}/hof.db", model=model) as served:
+    with killable(f"sqlite:///{folder}/hof.db", model=model) as served:
         pid = served.process.pid
         resource.prlimit(pid, resource.RLIMIT_FSIZE, (300_000, resource.RLIM_INFINITY))
         yield served, folder / "hof.db", lambda: resource.prlimit(pid, resource.RLIMIT_FSIZE, unlimited)

@@ -11,7 +11,7 @@ import httpx
 import pytest
 
 from benchmarks.kills import SPEC, Ledger, kill, lost, stop
-from benchmarks.process import Served, is_ready, serving
+from benchmarks.processes import Served, is_ready, killable
 from service.formats.weights import Weights, dump
 from service.mapping import initial_theta
 
@@ -26,7 +26,7 @@ def test_what_was_acknowledged_survives_sigkill(tmp_path: Path, model_path: Path
         kill(database, ledger, 1 + draw.randrange(40), model=model_path)
         assert lost(database, ledger) == []
     assert len(ledger.words) >= 4
-    with serving(f"sqlite:///{database}", model=model_path) as served:
+    with killable(f"sqlite:///{database}", model=model_path) as served:
         assert lost(database, ledger, served.url) == []
 
 
@@ -73,7 +73,7 @@ def _closes(served: Served) -> threading.Thread:
 
 
 def test_while_it_drains_it_is_unready_serves_on_and_ends_what_has_begun(tmp_path: Path, model_path: Path) -> None:
-    with serving(f"sqlite:///{tmp_path / 'hof.db'}", model=model_path, drain_s=3600, shutdown_s=120) as served:
+    with killable(f"sqlite:///{tmp_path / 'hof.db'}", model=model_path, drain_s=3600, shutdown_s=120) as served:
         links = httpx.post(f"{served.url}/objects", content=FILE).json()["links"]
         download = _connect(served, f"GET {links['points']}?n={POINTS}&format=f32 HTTP/1.1\r\nHost: x\r\n\r\n")
         head = download.recv(1000)
@@ -104,7 +104,7 @@ def test_a_client_that_does_not_read_holds_the_stop_up_for_so_long_only(
     tmp_path: Path, model_path: Path, first: signal.Signals
 ) -> None:
     settings = {"drain_s": 0 if first == signal.SIGTERM else 3600, "shutdown_s": 1}
-    with serving(f"sqlite:///{tmp_path / 'hof.db'}", model=model_path, **settings) as served:
+    with killable(f"sqlite:///{tmp_path / 'hof.db'}", model=model_path, **settings) as served:
         links = httpx.post(f"{served.url}/objects", content=FILE).json()["links"]
         with _connect(served, f"GET {links['points']}?n={POINTS}&format=f32 HTTP/1.1\r\nHost: x\r\n\r\n") as stuck:
             stuck.recv(1000)
