@@ -110,6 +110,14 @@ def running(settings: Settings) -> Iterator[Server]:
         thread.join()
 
 
+def check_refused(answer: httpx.Response, field: str, limit: str) -> None:
+    """A 422 of one parameter, which it names, with its limit."""
+    assert answer.status_code == 422
+    (error,) = answer.json()["errors"]
+    assert error["field"] == field
+    assert limit in error["message"]
+
+
 @contextlib.contextmanager
 def hof_serve(
     folder: Path, model: Path, *flags: str, **environment: str

@@ -5,17 +5,18 @@ from typing import get_args
 
 import numpy as np
 import pytest
+import small_network
 import torch
 from torch import nn
 
 from model.baselines import DIRECT_POINTS, DeepSdf, FoldingNet, Lvc, make_network
-from model.config import EncoderConfig, Method, TrainConfig
+from model.config import Method, TrainConfig
 from service.images import Framing
 from service.mapping import HOF_1
 
 CONFIG = TrainConfig(
     spec=replace(HOF_1, domain="cube"),
-    encoder=EncoderConfig(feature_maps=(4, 4, 4), convolutions=1, fully_connected=(32,), rank=8),
+    encoder=small_network.ENCODER,
     framing=Framing(size=32),
 )
 

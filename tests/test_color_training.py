@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import small_data
+import small_network
 import torch
 from PIL import Image
 
@@ -14,7 +15,7 @@ from model import cli
 from model.checkpoints import load_encoder
 from model.color import ColoredEncoder, ColorHead, color_spec, digest, load, look, save
 from model.color_figures import object_mean
-from model.config import EncoderConfig, TrainConfig
+from model.config import TrainConfig
 from model.data.dataset import draw_batch, load_examples
 from model.export import TOLERANCE, color_parity, export
 from model.networks import ImageEncoder, power
@@ -22,17 +23,9 @@ from model.train import _State
 from model.train_color import Seen, _Learner, see
 from service.color import ColorSampler
 from service.encoder import Encoder
-from service.images import Framing
 from service.mapping import HOF_1, MappingSpec
 
-CONFIG = TrainConfig(
-    spec=MappingSpec("small", 3, (32,), 3, k=2),
-    encoder=EncoderConfig(feature_maps=(4, 4, 4), convolutions=1, fully_connected=(32,), rank=8),
-    framing=Framing(size=32),
-    batch=8,
-    points=64,
-    target_points=500,
-)
+CONFIG = replace(small_network.CONFIG, points=64, target_points=500)
 
 
 @pytest.fixture(scope="module")

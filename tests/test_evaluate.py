@@ -5,10 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import small_data
+import small_network
 
 from model import cli
 from model.comparison import CEILING, ceiling_record, encoder_record, references
-from model.config import EncoderConfig, Method, TrainConfig
+from model.config import Method, TrainConfig
 from model.evaluate import cases, measure, measure_objects, predict
 from model.metrics import NAMES, compare
 from model.perturb import CONDITIONS
@@ -91,7 +92,7 @@ def test_a_run_that_is_not_exported(
     method: Method, parameters: int, layers: int, data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     spec = MappingSpec("small", 3, (16,), 3, k=2, domain="cube")
-    small = EncoderConfig(feature_maps=(4, 4, 4), convolutions=1, fully_connected=(32,), rank=8)
+    small = small_network.ENCODER
     _State(TrainConfig(spec=spec, method=method, encoder=small, framing=Framing(32), seed=5)).save(tmp_path, 0.0)
     command = ["evaluate", "--run", str(tmp_path), "--data", str(data), "--split", "test"]
     assert cli.main([*command, "-o", str(tmp_path / "rival.json")]) == 0

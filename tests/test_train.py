@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import small_network
 import torch
 from shapes import write_folder
 
@@ -23,19 +24,9 @@ from model.records import Record
 from model.retrain import COMPARED
 from model.train import _State, train
 from service.encoder import Encoder
-from service.images import Framing
 from service.mapping import MappingSpec
 
-CONFIG = TrainConfig(
-    spec=MappingSpec("small", 3, (32,), 3, k=2),
-    encoder=EncoderConfig(feature_maps=(4, 4, 4), convolutions=1, fully_connected=(32,), rank=8),
-    framing=Framing(size=32),
-    batch=8,
-    points=128,
-    target_points=200,
-    learning_rate=3e-3,
-    minutes=0.1,
-)
+CONFIG = replace(small_network.CONFIG, points=128, target_points=200, learning_rate=3e-3, minutes=0.1)
 
 
 @pytest.fixture(scope="session")
