@@ -21,7 +21,7 @@ from model.metrics import NAMES, compare
 from model.perturb import Condition, condition_views, png
 from service.encoder import Encoder
 from service.images import preprocess
-from service.mapping import MappingSpec, word_of
+from service.mapping import Functions, MappingSpec, word_of
 from service.sampler import Sampler
 
 Floats = npt.NDArray[np.float32]
@@ -73,10 +73,14 @@ def encoder_answer(encoder: Encoder) -> Answer:
     """What the service would answer with this encoder."""
 
     def answer(photo: bytes, n: int) -> Floats:
-        functions = encoder.encode(preprocess(photo, encoder.framing).tensor)[0]
-        return draw(encoder.spec, functions.theta, n)
+        return draw(encoder.spec, encoded(encoder, photo).theta, n)
 
     return answer
+
+
+def encoded(encoder: Encoder, photo: bytes) -> Functions:
+    """What the service would make of an image file."""
+    return encoder.encode(preprocess(photo, encoder.framing).tensor)[0]
 
 
 def draw(spec: MappingSpec, theta: Floats, n: int = POINTS) -> Floats:

@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 from model.classes import OTHER, class_of
 from model.data.manifest import Entry, Split
-from model.evaluate import VIEWS, Case, cases
+from model.evaluate import VIEWS, Case, cases, encoded
 from model.files import whole_file
 from model.metrics import nearest
 from model.neighbours import Neighbours
@@ -24,7 +24,6 @@ from model.perturb import png
 from model.provenance import provenance
 from model.reference import Training
 from service.encoder import Encoder
-from service.images import preprocess
 from service.mapping import MappingSpec
 from service.sampler import Sampler
 from service.sheet import rows_of_words, sheet
@@ -182,8 +181,7 @@ def _figures(
 
 def _theta(encoder: Encoder, case: Case) -> Floats:
     """theta of an object's first view that is evaluated, as the service would encode it."""
-    theta: Floats = encoder.encode(preprocess(png(case.views[VIEWS[0]]), encoder.framing).tensor)[0].theta
-    return theta
+    return encoded(encoder, png(case.views[VIEWS[0]])).theta
 
 
 def _draw(

@@ -21,14 +21,13 @@ from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
 from model.data.manifest import Split
-from model.evaluate import POINTS, VIEWS, Case, cases
+from model.evaluate import POINTS, VIEWS, Case, cases, encoded
 from model.files import whole_file
 from model.metrics import compare
 from model.perturb import png
 from model.provenance import provenance
 from model.tables import table
 from service.encoder import Encoder
-from service.images import preprocess
 from service.mapping import word_of
 from service.sampler import Sampler
 from service.surface import shells, surface_of
@@ -222,9 +221,7 @@ def _met(condition: bool) -> str:
 
 
 def _sampler(encoder: Encoder, case: Case) -> Sampler:
-    photo = png(case.views[VIEWS[0]])
-    theta = encoder.encode(preprocess(photo, encoder.framing).tensor)[0].theta
-    return Sampler(encoder.spec, word_of(encoder.spec, theta))
+    return Sampler(encoder.spec, word_of(encoder.spec, encoded(encoder, png(case.views[VIEWS[0]])).theta))
 
 
 def _points_trial(samplers: Sequence[Sampler], objects: Sequence[Case]) -> Trial:
