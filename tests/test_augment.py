@@ -1,13 +1,17 @@
 """What augmentation does to a view, and what it leaves alone."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import torch
 from torch import Tensor
 
-from model.data.augment import PHOTOGRAPHS, PLAIN_SHARE, SHADOW_SHARE, WHITE_LIGHT, augment
+from model.data.augment import PLAIN_SHARE, SHADOW_SHARE, WHITE_LIGHT, augment
+from model.data.photographs import photograph_files
 
 IMAGES = 400
+BUNDLED = photograph_files(Path("no folder"))
 
 
 def square(colour: tuple[int, int, int]) -> Tensor:
@@ -19,7 +23,7 @@ def square(colour: tuple[int, int, int]) -> Tensor:
 
 @pytest.fixture(scope="module")
 def images() -> Tensor:
-    return augment(square((200, 40, 40)), np.random.default_rng(0))
+    return augment(square((200, 40, 40)), np.random.default_rng(0), BUNDLED)
 
 
 def test_images_have_the_encoders_size_and_range(images: Tensor) -> None:
@@ -31,8 +35,8 @@ def test_images_have_the_encoders_size_and_range(images: Tensor) -> None:
 
 def test_the_generator_decides_alone(images: Tensor) -> None:
     crops = square((200, 40, 40))
-    assert (augment(crops, np.random.default_rng(0)) == images).all()
-    assert (augment(crops, np.random.default_rng(1)) != images).any()
+    assert (augment(crops, np.random.default_rng(0), BUNDLED) == images).all()
+    assert (augment(crops, np.random.default_rng(1), BUNDLED) != images).any()
     assert (crops == square((200, 40, 40))).all()  # nothing is changed in place
 
 
@@ -57,7 +61,7 @@ def test_the_object_is_seen_everywhere_and_some_images_are_grey(images: Tensor) 
 
 def test_shadows_lie_at_the_foot_of_some_objects(images: Tensor, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("model.data.augment.SHADOW_SHARE", 0.0)
-    bright = augment(square((200, 40, 40)), np.random.default_rng(0))
+    bright = augment(square((200, 40, 40)), np.random.default_rng(0), BUNDLED)
     darker = (bright - images).mean(dim=1)  # (IMAGES, 16, 16)
     assert float(darker.min()) > -1e-6
     shaded = darker.amax(dim=(1, 2)) > 0.05
@@ -74,11 +78,11 @@ def test_zoom_and_shift_vary_and_little_is_cut_off(images: Tensor) -> None:
 
 
 def test_the_demos_photograph_is_not_trained_on() -> None:
-    assert "coffee.png" not in PHOTOGRAPHS
+    assert "coffee.png" not in {path.name for path in BUNDLED}
 
 
 def test_in_white_light_the_object_keeps_its_colour() -> None:
-    middle = augment(square((200, 100, 40)), np.random.default_rng(0), WHITE_LIGHT)[:, :, 8, 8]
+    middle = augment(square((200, 100, 40)), np.random.default_rng(0), BUNDLED, WHITE_LIGHT)[:, :, 8, 8]
     assert (255 * middle.mean(dim=0)).tolist() == pytest.approx([200, 100, 40], abs=8)
     assert (middle[:, 0] > middle[:, 1] + 0.2).all()
     assert (middle[:, 1] > middle[:, 2] + 0.08).all()

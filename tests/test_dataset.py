@@ -10,6 +10,7 @@ import pytest
 from model.config import TrainConfig
 from model.data.dataset import Bytes, Examples, Shape, draw_batch, load_examples, plain_images
 from model.data.manifest import Entry, Manifest
+from model.data.photographs import photograph_files
 from service.images import Framing
 
 CONFIG = TrainConfig(framing=Framing(size=16), batch=4, points=20, target_points=50)
@@ -37,7 +38,7 @@ def examples() -> Examples:
         stretched = cloud + np.array([0, 1, 0])
         pair = [(4, cloud), (12, stretched)]
         shapes.append([Shape(crops(views, 20 * number), points.astype(np.float32)) for views, points in pair])
-    return Examples([entry(number) for number in range(OBJECTS)], shapes)
+    return Examples([entry(number) for number in range(OBJECTS)], shapes, photograph_files(Path("no folder")))
 
 
 def test_a_batch_depends_on_seed_and_step_alone(examples: Examples) -> None:
@@ -87,7 +88,7 @@ def test_points_keep_their_colours_mirrored_too(examples: Examples) -> None:
         np.pad(found, ((0, 0), (1, 0)), constant_values=number).astype(np.uint8) for number, found in enumerate(shapes)
     ]
     coloured = [[replace(own, colours=found)] for (own, _), found in zip(examples.shapes, colours, strict=True)]
-    batch = draw_batch(Examples(examples.entries, coloured), replace(CONFIG, batch=20), 0)
+    batch = draw_batch(replace(examples, shapes=coloured), replace(CONFIG, batch=20), 0)
     assert batch.colours is not None
     assert (batch.colours[..., 0] + 1 == batch.points[..., 0].abs()).all()
     assert (batch.colours[..., 1:] == (batch.points[..., 1:] * 255).byte()).all()

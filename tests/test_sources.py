@@ -6,9 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 from shapes import SHAPES, write_folder
 
 from model.data.meshes import MeshRecord, folder_records, load_parts
+from model.data.photographs import FOLDER, photograph_files
 from model.data.sweethome3d import CATALOGUE, parse_catalogue, sh3f_files, sh3f_records
 
 PROPERTIES = """# comment
@@ -116,3 +118,13 @@ def test_scene_transforms_are_applied(tmp_path: Path) -> None:
     (record,) = folder_records(tmp_path)
     corners = np.concatenate([part.vertices for part in load_parts(record)])
     assert np.ptp(corners, axis=0) == pytest.approx([0.25, 0.25, 1])
+
+
+def test_photographs_are_those_at_hand_and_those_downloaded(tmp_path: Path) -> None:
+    bundled = photograph_files(tmp_path)
+    (tmp_path / FOLDER).mkdir()
+    Image.new("RGB", (8, 8)).save(tmp_path / FOLDER / "wall.jpg")
+    assert photograph_files(tmp_path) == (*bundled, tmp_path / FOLDER / "wall.jpg")
+    for path in bundled:
+        with Image.open(path) as photograph:
+            assert min(photograph.size) >= 100

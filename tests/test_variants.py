@@ -15,7 +15,8 @@ from model.data.build import build
 from model.data.manifest import Manifest, variant_file, variant_files
 from model.data.meshes import MeshRecord, folder_records, load_parts
 from model.data.render import FILL, SIZE, shoot, stage
-from model.data.variants import STRETCH, free_cameras, scaled_points, stretch_factors, vary
+from model.data.variants import STRETCHED, free_cameras, scaled_points, stretch_factors, vary
+from model.data.warp import STRETCH, warped
 from service.picture import camera_axes
 
 VIEWS = 3
@@ -160,3 +161,26 @@ def test_the_command_writes_variants_and_a_sheet(data: Path, meshes: Path, tmp_p
     assert cli.main(["data", "preview", "--data", str(data), "--variants", "--objects", "2", "-o", str(sheet)]) == 0
     with Image.open(sheet) as image:
         assert image.height >= 2 * 142
+
+
+def test_warped_shapes_stay_in_the_object_frame_and_symmetric() -> None:
+    box = trimesh.creation.box(extents=(1, 0.6, 0.4)).subdivide()
+    rng = np.random.default_rng(0)
+    shapes = [warped([box], rng)[0].vertices for _ in range(20)]
+    for vertices in shapes:
+        assert np.ptp(vertices, axis=0).max() == pytest.approx(1)
+        assert vertices.min(axis=0) + vertices.max(axis=0) == pytest.approx(np.zeros(3), abs=1e-9)
+        mirrored = {tuple(point) for point in np.round(vertices * [-1, 1, 1], 6) + 0.0}
+        assert mirrored == {tuple(point) for point in np.round(vertices, 6) + 0.0}
+    tops = [np.ptp(vertices[vertices[:, 1] == vertices[:, 1].max(), 0]) for vertices in shapes]
+    assert min(tops) < 0.8 < max(tops)  # they taper
+
+
+def test_variants_past_the_stretched_ones_are_warped(records: list[MeshRecord], tmp_path: Path) -> None:
+    build(records, tmp_path, seed=0, processes=1)
+    assert vary(records, tmp_path, variants=STRETCHED + 1, views=1, processes=1) == {}
+    entry = next(iter(Manifest.read(tmp_path).of("train")))
+    *_, last = variant_files(tmp_path, entry)
+    with np.load(last) as arrays, np.load(tmp_path / entry.file) as base:
+        assert arrays["stretch"].tolist() == [1, 1, 1]
+        assert not np.allclose(np.ptp(arrays["points"], axis=0), np.ptp(base["points"], axis=0), atol=0.02)

@@ -2,7 +2,7 @@
 
 import functools
 from dataclasses import dataclass
-from importlib.resources import files
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -20,21 +20,6 @@ CUT_ZOOM: Final = 1.3  # times: the object then sticks out of the frame
 SHIFT: Final = 0.06  # of the half frame, either way
 SHADOW_SHARE: Final = 0.4
 NOISE: Final = 0.03  # largest standard deviation
-PHOTOGRAPHS: Final = (
-    "astronaut.png",
-    "brick.png",
-    "camera.png",
-    "chelsea.png",
-    "clock_motion.png",
-    "coins.png",
-    "grass.png",
-    "gravel.png",
-    "hubble_deep_field.jpg",
-    "ihc.png",
-    "motorcycle_left.png",
-    "page.png",
-    "rocket.jpg",
-)  # not coffee.png: the demo's photo stays unseen
 PHOTOGRAPH_SCALES: Final = (1.2, 2.0, 4.0)  # of the shorter side, in sides of the frame
 GROUND_SHARES: Final = (0.15, 0.15, 0.2, 0.5)  # flat colour, gradient, texture, photographs
 COLLAGE_SHARE: Final = 0.5  # of the grounds of photographs: two that meet at a line, as wall and floor do
@@ -58,8 +43,11 @@ ANY_LIGHT: Final = Light((0.6, 1.4), (0.85, 1.15), (0.4, 1.4), 0.1, 0.8)  # geom
 WHITE_LIGHT: Final = Light((0.9, 1.1), (0.97, 1.03), (0.9, 1.1), 0.0, 0.15)  # which leaves colours to be told
 
 
-def augment(crops: Tensor, rng: np.random.Generator, light: Light = ANY_LIGHT) -> Tensor:
-    """Views as if photographed: (b, 4, S, S) uint8 RGBA -> (b, 3, S / OVERSIZE, S / OVERSIZE) in [0, 1]."""
+def augment(crops: Tensor, rng: np.random.Generator, photographs: tuple[Path, ...], light: Light = ANY_LIGHT) -> Tensor:
+    """Views as if photographed: (b, 4, S, S) uint8 RGBA -> (b, 3, S / OVERSIZE, S / OVERSIZE) in [0, 1].
+
+    `photographs` are files whose pieces stand behind some of the objects.
+    """
     b = len(crops)
     plain = torch.from_numpy(rng.random(b) < PLAIN_SHARE).view(b, 1, 1, 1)
     moved = _blurred(_framed(crops, plain, rng), rng)
@@ -68,7 +56,7 @@ def augment(crops: Tensor, rng: np.random.Generator, light: Light = ANY_LIGHT) -
     lit = torch.minimum(rgb * strength, alpha)
     ground = torch.ones_like(lit)
     busy = ~plain.flatten()
-    ground[busy] = _backgrounds(int(busy.sum()), lit.shape[-1], rng)
+    ground[busy] = _backgrounds(int(busy.sum()), lit.shape[-1], rng, photographs)
     ground *= _shadows(alpha, rng)
     image = _toned(lit + (1 - alpha) * ground, light, rng)
     noise = _noise(b, lit.shape[-1], rng) * _uniform(rng, 0, NOISE, (b, 1, 1, 1))
@@ -131,7 +119,7 @@ def _shadows(alpha: Tensor, rng: np.random.Generator) -> Tensor:
     return 1 - depth * across * along
 
 
-def _backgrounds(count: int, side: int, rng: np.random.Generator) -> Tensor:
+def _backgrounds(count: int, side: int, rng: np.random.Generator, photographs: tuple[Path, ...]) -> Tensor:
     """(count, 3, side, side): flat colours, gradients, textures of coloured noise, pieces of photographs."""
     kind = rng.choice(len(GROUND_SHARES), size=count, p=GROUND_SHARES)
     first, second = _uniform(rng, 0, 1, (2, count, 3, 1, 1))
@@ -142,16 +130,16 @@ def _backgrounds(count: int, side: int, rng: np.random.Generator) -> Tensor:
     for index in np.flatnonzero(kind == 2):
         ground[index] += rng.uniform(*TEXTURE_CONTRAST) * _piece(_textures(side), side, rng)
     for index in np.flatnonzero(kind == 3):
-        ground[index] = _photographed(side, rng)
+        ground[index] = _photographed(_photographs(photographs, side), side, rng)
     return ground.clamp_(0, 1)
 
 
-def _photographed(side: int, rng: np.random.Generator) -> Tensor:
+def _photographed(photographs: list[Tensor], side: int, rng: np.random.Generator) -> Tensor:
     """(3, side, side): a piece of a photograph or two of them, in colours that may not be its own."""
-    piece = _recoloured(_piece(_photographs(side), side, rng), rng)
+    piece = _recoloured(_piece(photographs, side, rng), rng)
     if rng.random() < COLLAGE_SHARE:
         line, edge = int(rng.integers(side)), int(rng.integers(1, 3))
-        other = _recoloured(_piece(_photographs(side), side, rng), rng)
+        other = _recoloured(_piece(photographs, side, rng), rng)
         piece.narrow(edge, 0, line).copy_(other.narrow(edge, 0, line))
     return piece
 
@@ -198,12 +186,12 @@ def _textures(side: int) -> list[Tensor]:
 
 
 @functools.cache
-def _photographs(side: int) -> list[Tensor]:
-    """Free photographs that scikit-image brings along, RGB, (3, height, width), each in several sizes."""
+def _photographs(paths: tuple[Path, ...], side: int) -> list[Tensor]:
+    """RGB, (3, height, width), each in several sizes."""
     photographs = []
-    for name in PHOTOGRAPHS:
-        with (files("skimage.data") / name).open("rb") as file:
-            photograph = Image.open(file).convert("RGB")
+    for path in paths:
+        with Image.open(path) as file:
+            photograph = file.convert("RGB")
         for scale in PHOTOGRAPH_SCALES:
             factor = scale * side / min(photograph.size)
             resized = photograph.resize([round(length * factor) for length in photograph.size])

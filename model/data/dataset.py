@@ -16,6 +16,7 @@ from torch import Tensor
 from model.config import TrainConfig
 from model.data.augment import ANY_LIGHT, OVERSIZE, Light, augment
 from model.data.manifest import Entry, Manifest, Split, variant_files
+from model.data.photographs import photograph_files
 from service.canonical import canonical_points
 from service.images import Framing, frame
 
@@ -46,11 +47,13 @@ class Examples:
 
     entries : one per object.
     shapes : per object the object itself; with variants then the same under free cameras, and in the
-        training split its stretched copies.
+        training split its stretched and warped copies.
+    photographs : files of what may stand behind them.
     """
 
     entries: list[Entry]
     shapes: list[list[Shape]]
+    photographs: tuple[Path, ...]
 
     def front(self, view: int) -> tuple[Bytes, Floats]:
         """View `view` of every object as the data set was built: crops (objects, S, S, 4), points
@@ -78,7 +81,7 @@ def load_examples(folder: Path, split: Split, framing: Framing, variants: bool =
     files = [[folder / entry.file, *(variant_files(folder, entry) if variants else [])] for entry in entries]
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         shapes = list(threads.map(lambda paths: [_load_shape(path, large) for path in paths], files))
-    return Examples(entries, shapes)
+    return Examples(entries, shapes, photograph_files(folder))
 
 
 def _load_shape(path: Path, framing: Framing) -> Shape:
@@ -116,7 +119,7 @@ def draw_batch(examples: Examples, config: TrainConfig, step: int, light: Light 
         points.append(chosen * MIRROR if turned else chosen)
         if shape.colours is not None:
             colours.append(shape.colours[drawn])
-    images = augment(torch.from_numpy(np.stack(crops)).permute(0, 3, 1, 2), rng, light)
+    images = augment(torch.from_numpy(np.stack(crops)).permute(0, 3, 1, 2), rng, examples.photographs, light)
     images[mirrored] = images[mirrored].flip(3)  # augmentation knows no left and right: last is cheapest
     canonical = torch.from_numpy(uniform_points(config, rng))
     coloured = torch.from_numpy(np.stack(colours)) if len(colours) == config.batch else None

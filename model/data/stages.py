@@ -27,9 +27,14 @@ def add_stages(data: "argparse._SubParsersAction[argparse.ArgumentParser]") -> N
     vary.add_argument("--data", type=Path, default=DATA)
     vary.add_argument("--sh3f", type=Path, help="as for build")
     vary.add_argument("--meshes", type=Path, help="as for build")
-    vary.add_argument("--variants", type=int, default=4, help="stretched shapes per training object")
+    vary.add_argument(
+        "--variants", type=int, default=4, help="other shapes per training object: 4 stretched, then warped"
+    )
     vary.add_argument("--views", type=int, default=12, help="per shape")
     vary.add_argument("--processes", type=int, default=os.cpu_count() or 1)
+    photographs = data.add_parser("photographs", help="download free photographs to stand behind objects in training")
+    photographs.set_defaults(run=_photographs)
+    photographs.add_argument("--data", type=Path, default=DATA)
     preview = data.add_parser("preview", help="write a contact sheet of views and points")
     preview.set_defaults(run=_preview)
     preview.add_argument("--data", type=Path, default=DATA)
@@ -65,6 +70,12 @@ def _vary(arguments: argparse.Namespace) -> None:
     records = _records(arguments, arguments.data)
     failures = vary(records, arguments.data, arguments.variants, arguments.views, arguments.processes)
     print(f"{len(failures)} failures: {arguments.data / VARIANTS}")
+
+
+def _photographs(arguments: argparse.Namespace) -> None:
+    from model.data.photographs import fetch_photographs
+
+    print(f"{len(fetch_photographs(arguments.data, arguments.data / 'source'))} photographs")
 
 
 def _preview(arguments: argparse.Namespace) -> None:

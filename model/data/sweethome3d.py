@@ -6,13 +6,12 @@ downloaded and unpacked.
 """
 
 import re
-import shutil
-import subprocess
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
+from model.data.debian import download, unpack
 from model.data.meshes import MeshRecord
 
 PACKAGE: Final = "sweethome3d-furniture"
@@ -34,7 +33,9 @@ def sh3f_files(source: Path | None, work: Path) -> list[Path]:
     FileNotFoundError : there is none, or the tools to get them are missing.
     """
     if source is None or source.suffix == ".deb":
-        source = _unpack(source or _download(work), work)
+        deb, source = source or download(PACKAGE, work), work / "deb"
+        if not any(source.rglob("*.sh3f")):
+            unpack(deb, source)
     found = sorted(source.rglob("*.sh3f")) if source.is_dir() else [source]
     if not found or not all(path.is_file() for path in found):
         raise FileNotFoundError(f"no .sh3f file in {source}")
@@ -79,31 +80,3 @@ def parse_catalogue(text: str) -> tuple[dict[str, str], list[dict[str, str]]]:
             key, _, rest = value.partition("=")
             general[key.strip()] = rest.strip()
     return general, [entries[number] for number in sorted(entries) if "model" in entries[number]]
-
-
-def _download(work: Path) -> Path:
-    work.mkdir(parents=True, exist_ok=True)
-    if found := sorted(work.glob(f"{PACKAGE}_*.deb")):
-        return found[0]
-    try:
-        _run(["apt-get", "download", PACKAGE], work)
-    except FileNotFoundError:  # a fresh machine has no package lists yet; only root may get them
-        _run(["apt-get", "update"], work)
-        _run(["apt-get", "download", PACKAGE], work)
-    return sorted(work.glob(f"{PACKAGE}_*.deb"))[0]
-
-
-def _unpack(deb: Path, work: Path) -> Path:
-    target = work / "deb"
-    target.mkdir(parents=True, exist_ok=True)
-    if not any(target.rglob("*.sh3f")):
-        _run(["dpkg-deb", "-x", str(deb.resolve()), str(target.resolve())], work)
-    return target
-
-
-def _run(command: list[str], folder: Path) -> None:
-    if shutil.which(command[0]) is None:
-        raise FileNotFoundError(f"{command[0]} is missing: pass a folder of .sh3f files or the .deb instead")
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)  # noqa: S603
-    if done.returncode:
-        raise FileNotFoundError(f"`{' '.join(command)}` failed: {done.stderr.strip()}")

@@ -1,4 +1,4 @@
-"""Free cameras and stretched shapes: further views of a built data set's objects, its manifest unchanged."""
+"""Free cameras, stretched and warped shapes: further views of a built data set's objects, its manifest unchanged."""
 
 import math
 from collections.abc import Iterable
@@ -17,10 +17,11 @@ from model.data.manifest import VARIANTS, Entry, Manifest, variant_file
 from model.data.meshes import MeshRecord, load_parts
 from model.data.render import POINTS, shoot, stage, stretch
 from model.data.surface import sample_surface
+from model.data.warp import STRETCH, warped
 from model.data.workers import run_isolated
 from model.files import whole_file
 
-STRETCH: Final = 0.3  # largest natural logarithm of a factor along an axis
+STRETCHED: Final = 4  # variants 1 to this are stretched, those after it warped
 DISTANCE: Final = (1.3, 6.0)  # longest sides, uniform in the logarithm: wide to long lenses
 ELEVATION_DEG: Final = (0.0, 45.0)
 TRAIN_ELEVATION_DEG: Final = (-5.0, 55.0)
@@ -37,7 +38,7 @@ class Variant:
     views : (views, SIZE, SIZE, 4) uint8 RGBA, alpha is the mask.
     cameras : (views, 4) float32, azimuth and elevation in degrees, distance in longest sides, roll in degrees.
     points : (POINTS, 3) float32, object frame; those of the object itself for variant 0.
-    stretch : (3,) float32, what the object's frame was scaled by along x, y, z.
+    stretch : (3,) float32, what the object's frame was scaled by along x, y, z; 1 where it was warped instead.
     """
 
     views: npt.NDArray[np.uint8]
@@ -61,8 +62,9 @@ class VariantsJob:
 def vary(records: Iterable[MeshRecord], folder: Path, variants: int, views: int, processes: int) -> dict[str, str]:
     """Write the variants of every object in `folder`'s manifest that are missing; return id -> failure.
 
-    Variant 0 is the object as it is under free cameras; 1 to `variants`, of the training split alone, are
-    stretched. Each is a function of (the manifest's seed, id, number). Running it again goes on where it stopped.
+    Variant 0 is the object as it is under free cameras; of the training split alone, 1 to STRETCHED are
+    stretched and those up to `variants` warped. Each is a function of (the manifest's seed, id, number).
+    Running it again goes on where it stopped.
 
     Raises
     ------
@@ -99,17 +101,28 @@ def render_variants(job: VariantsJob) -> None:
     with closing(stage(parts, multisampling=False)) as plotter:
         for number, target in job.targets.items():
             rng = np.random.default_rng([job.seed, number, *job.record.id.encode()])
-            scale = stretch_factors(parts, rng) if number else np.ones(3)
-            points = scaled_points(parts, scale, rng) if number else base
-            variant = _render(plotter, scale, points, free_cameras(job.views, job.train, rng), rng)
+            if number > STRETCHED:
+                variant = _warped(parts, job, rng)
+            else:
+                scale = stretch_factors(parts, rng) if number else np.ones(3)
+                points = scaled_points(parts, scale, rng) if number else base
+                stretch(plotter, scale)
+                variant = _shot(plotter, scale, points, job, rng)
             with whole_file(target) as file:
                 np.savez_compressed(file, **vars(variant))
 
 
-def _render(
-    plotter: pyvista.Plotter, scale: Doubles, points: Floats, cameras: Doubles, rng: np.random.Generator
+def _warped(parts: list[trimesh.Trimesh], job: VariantsJob, rng: np.random.Generator) -> Variant:
+    moved, scale = warped(parts, rng), np.ones(3)
+    points = scaled_points(moved, scale, rng)
+    with closing(stage(moved, multisampling=False)) as plotter:
+        return _shot(plotter, scale, points, job, rng)
+
+
+def _shot(
+    plotter: pyvista.Plotter, scale: Doubles, points: Floats, job: VariantsJob, rng: np.random.Generator
 ) -> Variant:
-    stretch(plotter, scale)
+    cameras = free_cameras(job.views, job.train, rng)
     views = shoot(plotter, cameras, points, rng)
     return Variant(views, cameras.astype(np.float32), points, scale.astype(np.float32))
 

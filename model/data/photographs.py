@@ -1,0 +1,60 @@
+"""Free photographs to stand behind objects in training: what scikit-image brings along, and Debian's wallpapers."""
+
+from importlib.resources import files
+from pathlib import Path
+from typing import Final
+
+from PIL import Image
+
+from model.data.debian import download, unpack
+from model.files import whole_file
+
+PACKAGES: Final = ("lomiri-wallpapers-16.04", "mate-backgrounds")
+FOLDER: Final = "photographs"  # in the data set's folder
+BUNDLED: Final = (
+    "astronaut.png",
+    "brick.png",
+    "camera.png",
+    "chelsea.png",
+    "clock_motion.png",
+    "coins.png",
+    "grass.png",
+    "gravel.png",
+    "hubble_deep_field.jpg",
+    "ihc.png",
+    "motorcycle_left.png",
+    "page.png",
+    "rocket.jpg",
+)  # not coffee.png: the demo's photo stays unseen
+SHORTER_SIDE: Final = 512  # pixels kept: four frames of the encoder at its largest
+
+
+def photograph_files(folder: Path) -> tuple[Path, ...]:
+    """scikit-image's photographs, and those that `fetch_photographs` wrote below a data set's folder."""
+    bundled = (Path(str(files("skimage.data") / name)) for name in BUNDLED)
+    return (*bundled, *sorted((folder / FOLDER).glob("*.jpg")))
+
+
+def fetch_photographs(folder: Path, work: Path) -> list[Path]:
+    """Download the wallpapers that are photographs and keep them small, below a data set's folder.
+
+    Raises
+    ------
+    FileNotFoundError : the tools to get Debian's packages are missing, or there is no network.
+    """
+    target = folder / FOLDER
+    target.mkdir(parents=True, exist_ok=True)
+    for package in PACKAGES:
+        unpack(download(package, work), work / package)
+        for path in sorted((work / package).rglob("*.jpg")):
+            if path.parent.name not in ("abstract", "desktop"):  # mate-backgrounds sorts its own
+                _keep_small(path, target / path.name)
+    return sorted(target.glob("*.jpg"))
+
+
+def _keep_small(path: Path, target: Path) -> None:
+    with Image.open(path) as photograph:
+        factor = SHORTER_SIDE / min(photograph.size)
+        small = photograph.convert("RGB").resize([round(length * factor) for length in photograph.size])
+    with whole_file(target) as file:
+        small.save(file, format="JPEG", quality=90)
