@@ -14,7 +14,7 @@ from typing import Final, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from PIL import Image, ImageFile, ImageOps
+from PIL import Image, ImageChops, ImageFile, ImageOps
 from PIL.JpegImagePlugin import JpegImageFile
 from PIL.PngImagePlugin import PngImageFile
 from PIL.WebPImagePlugin import WebPImageFile
@@ -42,8 +42,8 @@ NO_MASK: Final = (
     "model is loaded: set HOF_MATTING_MODEL, or U2NET_HOME to the folder of u2netp.onnx"
 )
 
-# The matte by the distance from the border's colour, (256,).
-_RAMP: Final = ((np.arange(256) - BORDER_TOLERANCE) * (255 / BORDER_SOFTNESS)).clip(0, 255).astype(np.uint8)
+# The matte by the largest difference of a channel from the border's colour.
+_RAMP: Final = ((np.arange(256) - BORDER_TOLERANCE) * (255 / BORDER_SOFTNESS)).clip(0, 255).astype(int).tolist()
 
 _DECODE_ERRORS = (
     OSError,
@@ -225,7 +225,7 @@ def _matte(image: Image.Image, matting: MattingFunction | None) -> tuple[Mask, M
     """What tells the object from its background, and the matte; None where nothing does."""
     if image.mode == "RGBA":
         return "alpha", np.asarray(image)[..., 3]
-    matte = _border_matte(np.asarray(image))
+    matte = _border_matte(image)
     if matte is not None:
         return "border", matte
     return ("matting", matting(image)) if matting else ("none", None)
@@ -233,29 +233,26 @@ def _matte(image: Image.Image, matting: MattingFunction | None) -> tuple[Mask, M
 
 def _confidence(matte: Matte) -> float:
     """The matte's mean, weighted by the matte itself, in (0, 1]: (H, W), not all of it 0."""
-    counts, levels = np.bincount(matte.ravel(), minlength=256), np.arange(256)
+    counts, levels = np.array(Image.fromarray(matte).histogram()), np.arange(256)
     return float((counts * levels**2).sum() / (counts * levels).sum() / 255)
 
 
-def _border_matte(rgb: npt.NDArray[np.uint8]) -> Matte | None:
+def _border_matte(image: Image.Image) -> Matte | None:
     """Alpha (H, W) of what differs from a uniform border; None where the border is not uniform."""
-    edge = max(1, min(rgb.shape[:2]) // 64)
-    border = np.concatenate([part.reshape(-1, 3) for part in (rgb[:edge], rgb[-edge:], rgb[:, :edge], rgb[:, -edge:])])
-    colour = np.median(border, axis=0).astype(np.int16)
-    if (_distance(border, colour) <= BORDER_TOLERANCE).mean() < BORDER_SHARE:
+    edge = max(1, min(image.size) // 64)
+    colour = np.median(_ring(np.asarray(image), edge), axis=0).astype(int)
+    apart = ImageChops.difference(image, Image.new("RGB", image.size, tuple(colour.tolist())))
+    red, green, blue = apart.split()
+    farthest = ImageChops.lighter(ImageChops.lighter(red, green), blue)  # in Pillow five times as fast as in NumPy
+    if (_ring(np.asarray(farthest), edge) <= BORDER_TOLERANCE).mean() < BORDER_SHARE:
         return None
-    return _RAMP[_distance(rgb, colour)]
+    return np.asarray(farthest.point(_RAMP))
 
 
-def _distance(rgb: npt.NDArray[np.uint8], colour: npt.NDArray[np.int16]) -> npt.NDArray[np.uint8]:
-    """Largest difference to a colour of any channel: (..., 3) -> (...).
-
-    Channel by channel through a table: five times faster than arithmetic, and a maximum, over the last axis.
-    """
-    tables = np.abs(np.arange(256, dtype=np.int16)[:, None] - colour).astype(np.uint8)  # (value, channel)
-    red, green, blue = (tables[:, channel][rgb[..., channel]] for channel in range(3))
-    farthest: npt.NDArray[np.uint8] = np.maximum(np.maximum(red, green), blue)
-    return farthest
+def _ring(pixels: npt.NDArray[np.uint8], edge: int) -> npt.NDArray[np.uint8]:
+    """What lies within `edge` pixels of a side, the corners twice: (H, W, ...) -> (n, ...)."""
+    sides = (pixels[:edge], pixels[-edge:], pixels[:, :edge], pixels[:, -edge:])
+    return np.concatenate([side.reshape(-1, *pixels.shape[2:]) for side in sides])
 
 
 def _foreground_box(matte: Matte, floor: int) -> Box:

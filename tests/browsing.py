@@ -13,7 +13,7 @@ from conftest import running
 from PIL import Image
 from playwright.sync_api import Browser, ConsoleMessage, Page, expect, sync_playwright
 
-from service.settings import Settings
+from service.settings import SHIPPED_MODEL, Settings
 
 ROOT = Path(__file__).parents[1]
 PICTURES = ROOT / "out" / "viewer"
@@ -35,9 +35,9 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture(scope="module")
 def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """A service with the shipped model and two objects, a chair and an armchair."""
-    store = tmp_path_factory.mktemp("store") / "hof.db"
-    with running(Settings(database_url=f"sqlite:///{store}", matting_model=None, threads=1)) as server:
+    """A service with the default model and two objects, a chair and an armchair."""
+    store = f"sqlite:///{tmp_path_factory.mktemp('store') / 'hof.db'}"
+    with running(Settings(model=(SHIPPED_MODEL,), database_url=store, matting_model=None, threads=1)) as server:
         address = f"http://127.0.0.1:{server.port}"
         for name in ("chair", "armchair"):
             assert httpx.post(f"{address}/encode", content=photo(name).read_bytes(), timeout=60).status_code == 201
