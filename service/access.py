@@ -4,12 +4,14 @@ import math
 import time
 from typing import Final
 
+from fastapi import FastAPI
 from limits import RateLimitItem, parse
 from limits.storage import MemoryStorage
 from limits.strategies import SlidingWindowCounterRateLimiter
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from service.admission import Gate
 from service.errors import Forbidden, HofError, InvalidKeys, RateLimited, Unauthenticated
 from service.keys import Keys
 from service.problems import respond
@@ -32,7 +34,9 @@ VARY: Final = "Authorization, X-API-Key"
 
 
 class Access:
-    """The layer that turns away: 401 without a known key, 403 without its scope, 429 over the rate.
+    """The layer that turns away: 401 without a known key, 403 without its scope, 429 over the rate, and a photo
+    while as many as may wait do. That here a refusal costs a third of what it does further in is what goodput
+    under overload lives on.
 
     Without a keys file everyone may do everything, and rates are counted by client address. Sets
     ``scope["hof.key"]``, the key's name, and ``scope["hof.limited"]`` where the rate was exceeded.
@@ -64,6 +68,8 @@ class Access:
             self._check_key(scope, needed)
             if self._rate and needed != "metrics":
                 self._check_rate(self._rate, scope, added)
+            if scope["hof.route"] == "/encode" and scope["method"] == "POST":
+                _check_room(scope["app"])
         except HofError as error:
             response = respond(error)
             added |= _refusal_headers(error, scope, needed)
@@ -122,6 +128,13 @@ class Rate:
         """How many requests are left, and in how many seconds there will be another."""
         reset_at, remaining = self._limiter.get_window_stats(self._item, who)
         return remaining, max(1, math.ceil(reset_at - time.time()))
+
+
+def _check_room(app: FastAPI) -> None:
+    """Raises Overloaded."""
+    if app.state.runtime is not None:
+        images: Gate = app.state.runtime.gates.images
+        images.check()
 
 
 def keys_of(settings: Settings) -> Keys | None:

@@ -37,13 +37,17 @@ class Gate:
         self.held = 0
         self.finished = self.cancelled = self.failed = self.refused = 0
 
-    @contextmanager
-    def admit(self, amount: int = 1) -> Iterator[None]:
-        """Hold so much work, 1 or more, until the block ends. Raises Overloaded."""
+    def check(self, amount: int = 1) -> None:
+        """Raises Overloaded where so much work would not be let in now."""
         if self.held and self.held + amount > self._limit:
             self.refused += 1
             detail = f"the service works on its limit of {self._limit} {self._unit}"
             raise Overloaded(detail, retry_after_s=self._retry_after_s())
+
+    @contextmanager
+    def admit(self, amount: int = 1) -> Iterator[None]:
+        """Hold so much work, 1 or more, until the block ends. Raises Overloaded."""
+        self.check(amount)
         if not self.held:
             self._last_left = time.monotonic()
         self.held += amount

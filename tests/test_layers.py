@@ -65,7 +65,7 @@ ALLOWED = {
     "service.observing": {"service.logs", "service.metrics"},
     "service.headers": set(),
     "service.keys": {"service.errors"},
-    "service.access": {"service.errors", "service.keys", "service.problems", "service.settings"},
+    "service.access": {"service.admission", "service.errors", "service.keys", "service.problems", "service.settings"},
     "service.tracing": set(),
     "demo": {"service.picture"},
 }
