@@ -86,7 +86,7 @@ def _add_commands(stages: "argparse._SubParsersAction[argparse.ArgumentParser]")
     mesh = stages.add_parser("mesh", help="a weights file to a surface", description=commands.mesh.__doc__)
     mesh.add_argument("weights", type=Path, help="a .safetensors file of hof or of the service")
     _add_output(mesh, [fmt.extension for fmt in MESH_FORMATS.values()])
-    _add_fields(mesh, MeshQuery, ["resolution", "scale"])
+    _add_fields(mesh, MeshQuery, ["resolution", "scale", "color"])
     mesh.set_defaults(run=commands.mesh)
 
     compose = stages.add_parser(

@@ -1,4 +1,4 @@
-"""Colours of an object's points: drawn from the same canonical points, prefix-stable as they are."""
+"""Colours of an object's points: functions of the same canonical points, prefix-stable as they are."""
 
 from typing import Final
 
@@ -6,8 +6,8 @@ import numpy as np
 
 from service.canonical import Sampling, check_range
 from service.errors import CorruptWeights
-from service.mapping import Color, Colors
-from service.sampler import Sampler
+from service.mapping import Array, Color, Colors
+from service.sampler import Canonical, Sampler
 
 WHITE: Final = 255
 
@@ -33,7 +33,19 @@ class ColorSampler:
         CorruptWeights : the functions' values exceed float32.
         """
         check_range(n, seed, offset, sampling)
-        canonical = self._samplers[0].canonical(n, seed, offset, sampling)
+        return self._at(self._samplers[0].canonical(n, seed, offset, sampling), n)
+
+    def map(self, x: Array) -> Colors:
+        """Colours at canonical points of one's own choice: (n, input_dim) float32 -> (n, 3) uint8, sRGB.
+
+        Raises
+        ------
+        CorruptWeights : the functions' values exceed float32.
+        """
+        return self._at(self._samplers[0].padded(x), len(x))
+
+    def _at(self, canonical: Canonical, n: int) -> Colors:
+        """The mean over the functions at the n canonical points that are kept. Raises CorruptWeights."""
         total = np.zeros((n, 3), np.float32)
         for sampler, count in zip(self._samplers, self._counts, strict=True):
             try:

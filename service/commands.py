@@ -18,14 +18,13 @@ from service.formats import POINT_FORMATS, Format, PointFormat, write
 from service.formats.mesh import MESH_FORMATS
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
 from service.images import preprocess
-from service.mapping import Array, Functions, MappingSpec, joined, word_of
+from service.mapping import Array, Functions, MappingSpec, joined
 from service.matting import Matting
 from service.points import check_size
 from service.queries import EncodeQuery, MeshQuery, PointsQuery
 from service.sampler import Sampler
 from service.settings import POINTS_CEILING, Settings
 from service.sheet import MAX_POINTS, label, rows_of_words, sheet
-from service.surface import surface_of
 
 PICTURE: Final = ".png"
 
@@ -64,8 +63,8 @@ def mesh(arguments: argparse.Namespace) -> None:
     fmt = _format(arguments.output, MESH_FORMATS)
     query = MeshQuery(**given(arguments, MeshQuery))
     weights = _load(arguments.weights)
-    sampler = Sampler(weights.spec, word_of(weights.spec, weights.theta))
-    _write(arguments.output, [fmt.dump(surface_of(sampler, query.resolution, query.scale))])
+    surface = query.surface(weights.spec, weights.functions, holds_color=fmt.holds_color)
+    _write(arguments.output, [fmt.dump(surface)])
 
 
 def compose(arguments: argparse.Namespace) -> None:

@@ -5,17 +5,20 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from service.canonical import Sampling
+from service.color import ColorSampler
 from service.composition import Mode
 from service.formats.weights import WeightFormatName
 from service.images import Background
-from service.mapping import MAX_K, Functions, MappingSpec
+from service.mapping import MAX_K, Functions, MappingSpec, word_of
 from service.points import Cloud
-from service.sampler import SCALES
+from service.sampler import SCALES, Sampler
 from service.settings import POINTS_CEILING
-from service.surface import RESOLUTION, RESOLUTIONS
+from service.surface import RESOLUTION, RESOLUTIONS, Surface, surface_of
 
 PointFormatName = Literal["ply", "npy", "xyz", "json", "glb", "gltf", "pcd", "f32", "f16"]
 MeshFormatName = Literal["glb", "gltf", "obj", "stl", "ply"]
+
+ColorChoice = Literal["auto", "none"]
 
 MAX_SEED = 2**63 - 1
 
@@ -88,7 +91,7 @@ class PointsQuery(NoQuery):
     format: PointFormatName | None = Field(
         default=None, description="file format; wins over `Accept`; PLY where neither says"
     )
-    color: Literal["auto", "none"] = Field(
+    color: ColorChoice = Field(
         default="auto",
         description="`auto` writes colours where the object has them and the format holds them: `ply`, `json`, `glb`, "
         "`gltf`, `pcd`; `none` leaves them out",
@@ -113,6 +116,22 @@ class MeshQuery(NoQuery):
     format: MeshFormatName | None = Field(
         default=None, description="file format; wins over `Accept`; GLB where neither says"
     )
+    color: ColorChoice = Field(
+        default="auto",
+        description="`auto` writes the vertices' colours where the object has them and the format holds them: `glb`, "
+        "`gltf`, `obj`, `ply`; `none` leaves them out",
+    )
+
+    def surface(self, spec: MappingSpec, functions: Functions, *, holds_color: bool) -> Surface:
+        """The surface that is asked for of an object, for a format that holds colours or does not.
+
+        Raises
+        ------
+        CorruptWeights : the functions' values exceed float32.
+        """
+        sampler = Sampler(spec, word_of(spec, functions.theta))
+        color = functions.color if self.color == "auto" and holds_color else None
+        return surface_of(sampler, self.resolution, self.scale, ColorSampler(color) if color else None)
 
 
 class WeightsQuery(NoQuery):

@@ -86,10 +86,14 @@ class Sampler:
         ------
         CorruptWeights : the function's values exceed float32.
         """
+        return self.at(self.padded(x), scale)
+
+    def padded(self, x: Array) -> Canonical:
+        """Canonical points of one's own choice, (n, input_dim), in whole tiles: for `at` of any sampler of the spec."""
         n, align = len(x), self._function.align
-        padded = np.zeros((x.shape[1], -(-n // align) * align), np.float32)
-        padded[:, :n] = x.T
-        return self.at((padded, 0, slice(n)), scale)
+        whole = np.zeros((x.shape[1], -(-n // align) * align), np.float32)
+        whole[:, :n] = x.T
+        return whole, 0, slice(n)
 
     def at(self, canonical: Canonical, scale: float = 1.0) -> Array:
         """The object's points that are kept of canonical ones, (n, 3). Raises CorruptWeights."""

@@ -3,6 +3,7 @@
 f is continuous, so what it makes of a mesh hangs together as the mesh does: no points have to be joined by guess.
 The sphere is one icosphere; of a solid domain several shells, one inside the other, come out as layers of the
 object. Where f moves parts of the object apart it stretches what lies between: such triangles are cut.
+A vertex is the image of a canonical point as any other, and has that point's colour.
 How it compares with grids, Poisson and ball pivoting is in RESULTS.md.
 """
 
@@ -15,7 +16,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from service.mapping import Array, Domain
+from service.color import ColorSampler
+from service.mapping import Array, Colors, Domain
 from service.sampler import Sampler
 
 Indices = npt.NDArray[np.uint32]
@@ -34,14 +36,18 @@ class Surface:
     vertices : (v, 3) float32, object frame.
     triangles : (t, 3) uint32, each three vertices, counter-clockwise seen from outside.
     normals : (v, 3) float32, of length 1.
+    colors : (v, 3) uint8, sRGB; None where there are none.
     """
 
     vertices: Array
     triangles: Indices
     normals: Array
+    colors: Colors | None = None
 
 
-def surface_of(sampler: Sampler, resolution: int = RESOLUTION, scale: float = 1.0) -> Surface:
+def surface_of(
+    sampler: Sampler, resolution: int = RESOLUTION, scale: float = 1.0, color: ColorSampler | None = None
+) -> Surface:
     """The surface of an object.
 
     Parameters
@@ -49,17 +55,18 @@ def surface_of(sampler: Sampler, resolution: int = RESOLUTION, scale: float = 1.
     sampler : the object.
     resolution : there are 20 resolution^2 triangles, before any are cut.
     scale : length of the object's longest side, in any unit.
+    color : what colours the vertices; None for a surface without colours.
 
     Raises
     ------
-    CorruptWeights : the function's values exceed float32.
+    CorruptWeights : the function's values, or the colour's, exceed float32.
     """
     points, triangles = shells(sampler.domain, resolution)
     vertices = sampler.map(points, scale)
     kept = triangles[_stretch(points, vertices, triangles) <= MOST_STRETCH]
     used, corners = np.unique(kept, return_inverse=True)
     vertices, kept = vertices[used], corners.reshape(-1, 3).astype(np.uint32)
-    return Surface(vertices, kept, _normals(vertices, kept))
+    return Surface(vertices, kept, _normals(vertices, kept), color.map(points[used]) if color else None)
 
 
 @lru_cache(maxsize=4)

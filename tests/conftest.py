@@ -161,6 +161,14 @@ def client(server: Server) -> Iterator[httpx.Client]:
         yield client
 
 
+@pytest.fixture
+def colored(settings: Settings, colored_path: Path) -> Iterator[httpx.Client]:
+    """A client of a service whose model colours its objects; it shares the store with `client`'s."""
+    in_color = settings.model_copy(update={"model": (colored_path,)})
+    with running(in_color) as server, httpx.Client(base_url=f"http://127.0.0.1:{server.port}", timeout=60) as client:
+        yield client
+
+
 def image_file(image: Image.Image, kind: str = "PNG", **options: object) -> bytes:
     """The image as a file's bytes."""
     buffer = io.BytesIO()

@@ -3,7 +3,6 @@
 import base64
 import io
 import json
-from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ import numpy.typing as npt
 import pytest
 import tiny_model
 import trimesh
-from conftest import disc, image_file, running
+from conftest import disc, image_file
 from gltf_validator import check_valid
 
 from service import cli
@@ -23,18 +22,9 @@ from service.formats import POINT_FORMATS
 from service.formats.weights import Weights, dump, load
 from service.mapping import Array, Color, Colors, MappingSpec, apply, initial_theta
 from service.points import FIRST_PART
-from service.settings import Settings
 
 N = FIRST_PART + 1000
 SPEC = tiny_model.COLOR_SPEC
-
-
-@pytest.fixture
-def colored(settings: Settings, colored_path: Path) -> Iterator[httpx.Client]:
-    """A client of a service whose model colours its objects."""
-    lowered = settings.model_copy(update={"model": (colored_path,)})
-    with running(lowered) as server, httpx.Client(base_url=f"http://127.0.0.1:{server.port}", timeout=60) as client:
-        yield client
 
 
 def _encode(client: httpx.Client, colour: str = "red") -> dict[str, Any]:

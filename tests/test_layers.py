@@ -41,7 +41,7 @@ ALLOWED = {
     "service.folding": {"service.canonical", "service.kernel", "service.mapping"},
     "service.sampler": {"service.canonical", "service.errors", "service.folding", "service.mapping"},
     "service.color": {"service.canonical", "service.errors", "service.mapping", "service.sampler"},
-    "service.surface": {"service.mapping", "service.sampler"},
+    "service.surface": {"service.color", "service.mapping", "service.sampler"},
     "service.matting": {"service.encoder", "service.errors"},
     "service.encoder": {"service.errors", "service.images", "service.mapping"},
     "service.formats": {"service.errors", "service.formats", "service.mapping", "service.sampler", "service.surface"},

@@ -102,6 +102,7 @@ def test_an_accept_that_nothing_satisfies_is_refused(client: httpx.Client, path:
         ("resolution=fine", "resolution", "integer"),
         ("scale=0", "scale", "greater"),
         ("format=npy", "format", "stl"),
+        ("color=red", "color", "'auto' or 'none'"),
         ("n=5", "n", "unknown"),
     ],
 )
@@ -116,7 +117,7 @@ def test_an_unknown_object_has_no_surface(client: httpx.Client) -> None:
 
 
 def test_every_parameter_has_its_own_tag(client: httpx.Client, path: str) -> None:
-    queries = ["", "?resolution=9", "?scale=2", "?format=obj", "?format=stl"]
+    queries = ["", "?resolution=9", "?scale=2", "?format=obj", "?format=stl", "?color=none"]
     assert len({client.head(path + query).headers["ETag"] for query in queries}) == len(queries)
 
 

@@ -3,9 +3,11 @@
 import io
 import json
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import httpx
+import pytest
 import tiny_model
 import trimesh
 from browsing import INK, PICTURES, ROOT, TIMEOUT_MS, curl_line, inked, opened, photo, pixels, run, saved, warm
@@ -166,27 +168,44 @@ def test_an_object_of_the_gallery_opens(page: Page) -> None:
     assert opening.inner_text().split()[1] in curl_line(page, "download")
 
 
-def test_an_object_in_colour_is_shown_and_saved_so_unless_switched_off(
-    browser: Browser, settings: Settings, colored_path: Path, tmp_path: Path
-) -> None:
-    with (
-        running(settings.model_copy(update={"model": (colored_path,)})) as server,
-        browser.new_context(viewport={"width": 1280, "height": 1000}) as context,
-    ):
-        address = f"http://127.0.0.1:{server.port}"
-        assert httpx.post(f"{address}/encode", content=photo("chair").read_bytes()).status_code == 201
-        page = opened(context.new_page(), address)
-        assert warm(page) > 500
-        page.screenshot(path=PICTURES / "color.png")
-        page.locator("#n").press("End")
-        expect(page.locator("#count")).to_have_text("1,000,000 points")
-        page.locator("#n").press("Home")
-        for color, header in ((True, b"property uchar red"), (False, b"property float z\nend_header")):
-            page.get_by_label("Colour").set_checked(color)
-            assert (warm(page) > 0) == color
-            (tmp_path / "object.ply").unlink(missing_ok=True)
-            run(curl_line(page, "download"), tmp_path)
-            assert header in (tmp_path / "object.ply").read_bytes()
+@pytest.fixture
+def page_in_color(browser: Browser, colored: httpx.Client) -> Iterator[Page]:
+    """The page of a service whose model colours its objects, with one of them."""
+    assert colored.post("/encode", content=photo("chair").read_bytes()).status_code == 201
+    with browser.new_context(viewport={"width": 1280, "height": 1000}) as context:
+        yield opened(context.new_page(), str(colored.base_url))
+
+
+def test_an_object_in_colour_is_shown_and_saved_so_unless_switched_off(page_in_color: Page, tmp_path: Path) -> None:
+    page = page_in_color
+    assert warm(page) > 500
+    page.screenshot(path=PICTURES / "color.png")
+    page.locator("#n").press("End")
+    expect(page.locator("#count")).to_have_text("1,000,000 points")
+    page.locator("#n").press("Home")
+    for color, header in ((True, b"property uchar red"), (False, b"property float z\nend_header")):
+        page.get_by_label("Colour").set_checked(color)
+        assert (warm(page) > 0) == color
+        run(curl_line(page, "download"), tmp_path)
+        assert header in (tmp_path / "object.ply").read_bytes()
+
+
+def test_a_surface_in_colour_is_shown_and_saved_so_unless_switched_off(page_in_color: Page, tmp_path: Path) -> None:
+    page = page_in_color
+    page.get_by_role("switch", name="Surface").check()
+    expect(page.locator("#count")).to_have_text(re.compile(r"^[\d,]{5,} triangles$"))
+    painted = pixels(page)
+    assert warm(page) > 500
+    page.screenshot(path=PICTURES / "surface-color.png")
+    for color in (False, True):
+        page.get_by_label("Colour").set_checked(color)
+        assert (warm(page) > 0) == color
+        run(curl_line(page, "download"), tmp_path)
+        assert (b"COLOR_0" in (tmp_path / "object.glb").read_bytes()) == color
+    assert (pixels(page) == painted).all()
+    page.locator("#format").select_option("safetensors")
+    page.get_by_label("Colour").uncheck()
+    assert "color" not in curl_line(page, "download")
 
 
 def test_files_are_saved_as_the_curl_line_gets_them(page: Page, tmp_path: Path) -> None:

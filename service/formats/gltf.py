@@ -24,7 +24,7 @@ _FLOAT, _ARRAY_BUFFER, _POINTS = 5126, 34962, 0
 _URI: Final = "data:application/octet-stream;base64,"
 _JSON_TAIL: Final = b'"}]}'
 _GREY = [0.18, 0.18, 0.2, 1.0]  # linear RGBA: visible on white and on black
-_WHITE = [1.0, 1.0, 1.0, 1.0]  # leaves the points' own colours as they are
+WHITE: Final = [1.0, 1.0, 1.0, 1.0]  # leaves colours of their own as they are
 
 
 def head(n: int, bounds: tuple[Array, Array] | None, *, stride: int = PLAIN) -> bytes:
@@ -55,7 +55,7 @@ def head(n: int, bounds: tuple[Array, Array] | None, *, stride: int = PLAIN) -> 
 
 def colored_body(points: Array, colors: Colors) -> bytes:
     """Points (m, 3) and their colours (m, 3) -> 24 m bytes."""
-    return raw.float32(np.concatenate([points, _LINEAR[colors]], axis=1))
+    return raw.float32(np.concatenate([points, linear(colors)], axis=1))
 
 
 def length(n: int, *, stride: int = PLAIN) -> int:
@@ -100,14 +100,19 @@ def json_length(n: int, *, stride: int = PLAIN) -> int:
     return JSON_BYTES + stride // 3 * 4 * n + len(_JSON_TAIL)
 
 
-def _linear() -> Array:
-    """Each of the 256 sRGB levels as linear light in [0, 1] (IEC 61966-2-1)."""
+def linear(colors: Colors) -> Array:
+    """sRGB levels as linear light in [0, 1], float32."""
+    return _LINEAR[colors]
+
+
+def _levels() -> Array:
+    """Each of the 256 levels as linear light (IEC 61966-2-1)."""
     level = np.arange(256) / 255
-    linear = np.where(level <= 0.04045, level / 12.92, ((level + 0.055) / 1.055) ** 2.4)
-    return linear.astype(np.float32)
+    light = np.where(level <= 0.04045, level / 12.92, ((level + 0.055) / 1.055) ** 2.4)
+    return light.astype(np.float32)
 
 
-_LINEAR: Final = _linear()
+_LINEAR: Final = _levels()
 
 
 def _document(n: int, low: Array, high: Array, stride: int) -> dict[str, Any]:
@@ -128,7 +133,7 @@ def _document(n: int, low: Array, high: Array, stride: int) -> dict[str, Any]:
         "type": "VEC3",
     }
     attributes = {"POSITION": 0} | ({"COLOR_0": 1} if colored else {})
-    base = {"baseColorFactor": _WHITE if colored else _GREY, "metallicFactor": 0, "roughnessFactor": 1}
+    base = {"baseColorFactor": WHITE if colored else _GREY, "metallicFactor": 0, "roughnessFactor": 1}
     view = {"buffer": 0, "byteLength": stride * n, "target": _ARRAY_BUFFER}
     return {
         "asset": {"version": "2.0", "generator": "hof"},

@@ -15,12 +15,14 @@ class MeshFormat:
     name : as in the query's `format`.
     media_type : as in Content-Type and Accept.
     extension : of a file's name, with its dot.
+    holds_color : it writes the vertices' colours.
     """
 
     name: str
     media_type: str
     extension: str
     dump: Callable[[Surface], bytes]
+    holds_color: bool = True
 
 
 MESH_FORMATS: Final[Mapping[str, MeshFormat]] = {
@@ -29,7 +31,7 @@ MESH_FORMATS: Final[Mapping[str, MeshFormat]] = {
         MeshFormat("glb", "model/gltf-binary", ".glb", mesh_gltf.glb),
         MeshFormat("gltf", "model/gltf+json", ".gltf", mesh_gltf.gltf),
         MeshFormat("obj", "model/obj", ".obj", mesh_obj.dump),
-        MeshFormat("stl", "model/stl", ".stl", mesh_stl.dump),
+        MeshFormat("stl", "model/stl", ".stl", mesh_stl.dump, holds_color=False),
         MeshFormat("ply", "model/ply", ".ply", mesh_ply.dump),
     )
 }

@@ -1,15 +1,19 @@
 """glTF 2.0 of a surface: one mesh of TRIANGLES with normals; binary (GLB), or JSON with the numbers in base64.
 
-glTF's frame is ours: right-handed, +Y up, front +Z.
+glTF's frame is ours: right-handed, +Y up, front +Z. A vertex's colour is linear, three float32, as a point's is
+(`service.formats.gltf`).
 """
 
 import base64
+import itertools
 import json
 import struct
 from typing import Any, Final
 
 import numpy as np
 
+from service.formats.gltf import WHITE, linear
+from service.mapping import Array
 from service.surface import Surface
 
 _FLOAT, _UINT, _ARRAY_BUFFER, _ELEMENT_ARRAY_BUFFER = 5126, 5125, 34962, 34963
@@ -18,8 +22,9 @@ _GREY: Final = [0.5, 0.5, 0.53, 1.0]  # linear RGBA
 
 def glb(surface: Surface) -> bytes:
     """The binary file: header, JSON chunk, binary chunk."""
-    data = _numbers(surface)
-    text = json.dumps(_document(surface, {}), separators=(",", ":")).encode("ascii")
+    attributes = _attributes(surface)
+    data = _numbers(surface, attributes)
+    text = json.dumps(_document(surface, attributes, {}), separators=(",", ":")).encode("ascii")
     text = text.ljust(-len(text) % 4 + len(text))  # chunks end at multiples of 4 bytes
     return b"".join(
         [
@@ -34,42 +39,51 @@ def glb(surface: Surface) -> bytes:
 
 def gltf(surface: Surface) -> bytes:
     """The JSON file, which needs no other."""
-    uri = "data:application/octet-stream;base64," + base64.b64encode(_numbers(surface)).decode("ascii")
-    return json.dumps(_document(surface, {"uri": uri}), separators=(",", ":")).encode("ascii")
+    attributes = _attributes(surface)
+    data = base64.b64encode(_numbers(surface, attributes)).decode("ascii")
+    document = _document(surface, attributes, {"uri": "data:application/octet-stream;base64," + data})
+    return json.dumps(document, separators=(",", ":")).encode("ascii")
 
 
-def _numbers(surface: Surface) -> bytes:
-    """Positions, normals, indices."""
-    floats = (part.astype("<f4", copy=False).tobytes() for part in (surface.vertices, surface.normals))
+def _attributes(surface: Surface) -> dict[str, Array]:
+    """What stands in the file of each vertex, in its order: (v, 3) float32 each."""
+    attributes = {"POSITION": surface.vertices, "NORMAL": surface.normals}
+    return attributes if surface.colors is None else attributes | {"COLOR_0": linear(surface.colors)}
+
+
+def _numbers(surface: Surface, attributes: dict[str, Array]) -> bytes:
+    """The attributes, one after another, and the indices."""
+    floats = (array.astype("<f4", copy=False).tobytes() for array in attributes.values())
     return b"".join([*floats, surface.triangles.astype("<u4", copy=False).tobytes()])
 
 
-def _document(surface: Surface, source: dict[str, str]) -> dict[str, Any]:
-    vertices, corners = len(surface.vertices), surface.triangles.size
-    views = [(0, 12 * vertices), (12 * vertices, 12 * vertices), (24 * vertices, 4 * corners)]
-    targets = (_ARRAY_BUFFER, _ARRAY_BUFFER, _ELEMENT_ARRAY_BUFFER)
+def _document(surface: Surface, attributes: dict[str, Array], source: dict[str, str]) -> dict[str, Any]:
+    vertices, corners, indices = len(surface.vertices), surface.triangles.size, len(attributes)
+    bounds = list(itertools.accumulate([12 * vertices] * indices + [4 * corners], initial=0))  # of the views, bytes
     floats = {"componentType": _FLOAT, "count": vertices, "type": "VEC3"}
     low, high = (np.float32(bound).tolist() for bound in (surface.vertices.min(0), surface.vertices.max(0)))
+    primitive = {"attributes": {name: at for at, name in enumerate(attributes)}, "indices": indices, "material": 0}
+    base = {"baseColorFactor": _GREY if surface.colors is None else WHITE, "metallicFactor": 0, "roughnessFactor": 1}
     return {
         "asset": {"version": "2.0", "generator": "hof"},
         "scene": 0,
         "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "NORMAL": 1}, "indices": 2, "material": 0}]}],
-        "materials": [
-            {
-                "pbrMetallicRoughness": {"baseColorFactor": _GREY, "metallicFactor": 0, "roughnessFactor": 1},
-                "doubleSided": True,
-            }
-        ],
+        "meshes": [{"primitives": [primitive]}],
+        "materials": [{"pbrMetallicRoughness": base, "doubleSided": True}],
         "accessors": [
             {"bufferView": 0, **floats, "min": low, "max": high},
-            {"bufferView": 1, **floats},
-            {"bufferView": 2, "componentType": _UINT, "count": corners, "type": "SCALAR"},
+            *({"bufferView": view, **floats} for view in range(1, indices)),
+            {"bufferView": indices, "componentType": _UINT, "count": corners, "type": "SCALAR"},
         ],
         "bufferViews": [
-            {"buffer": 0, "byteOffset": start, "byteLength": size, "target": target}
-            for (start, size), target in zip(views, targets, strict=True)
+            {
+                "buffer": 0,
+                "byteOffset": start,
+                "byteLength": stop - start,
+                "target": _ARRAY_BUFFER if view < indices else _ELEMENT_ARRAY_BUFFER,
+            }
+            for view, (start, stop) in enumerate(itertools.pairwise(bounds))
         ],
-        "buffers": [{"byteLength": 24 * vertices + 4 * corners, **source}],
+        "buffers": [{"byteLength": bounds[-1], **source}],
     }

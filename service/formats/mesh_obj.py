@@ -1,4 +1,8 @@
-"""Wavefront OBJ of a surface: positions and normals with six significant digits, triangles counted from 1."""
+"""Wavefront OBJ of a surface: positions and normals with six significant digits, triangles counted from 1.
+
+A vertex's colour stands behind its position: red, green, blue in [0, 1], sRGB. The format has no such thing, but
+MeshLab, Blender, three.js and trimesh read it, and what does not skips it.
+"""
 
 from collections.abc import Iterator
 from typing import Any, Final
@@ -14,11 +18,15 @@ _ROWS: Final = 65_536  # lines formatted at a time: their Python numbers take te
 
 def dump(surface: Surface) -> bytes:
     """The whole file."""
+    vertex, vertices = "v %.6g %.6g %.6g\n", surface.vertices
+    if surface.colors is not None:
+        vertex = "v %.6g %.6g %.6g %.4g %.4g %.4g\n"
+        vertices = np.concatenate([vertices, surface.colors / np.float32(255)], axis=1)
     corners = np.repeat(surface.triangles + 1, 2, axis=1)  # v//vn: both have the same number
     return b"".join(
         [
             _HEADER,
-            *_lines("v %.6g %.6g %.6g\n", surface.vertices),
+            *_lines(vertex, vertices),
             *_lines("vn %.6g %.6g %.6g\n", surface.normals),
             *_lines("f %d//%d %d//%d %d//%d\n", corners),
         ]

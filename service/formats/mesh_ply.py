@@ -1,9 +1,11 @@
-"""PLY of a surface, binary little endian: six float32 a vertex, three indices a triangle."""
+"""PLY of a surface, binary little endian: six float32 a vertex, and red, green, blue where it has a colour; three
+indices a triangle."""
 
 from typing import Final
 
 import numpy as np
 
+from service.formats import ply, raw
 from service.surface import Surface
 
 _HEADER: Final = """\
@@ -17,7 +19,7 @@ property float z
 property float nx
 property float ny
 property float nz
-element face {triangles}
+{color}element face {triangles}
 property list uchar uint vertex_indices
 end_header
 """
@@ -28,6 +30,9 @@ def dump(surface: Surface) -> bytes:
     """The whole file."""
     faces = np.empty(len(surface.triangles), _FACE)
     faces["count"], faces["corners"] = 3, surface.triangles
-    header = _HEADER.format(vertices=len(surface.vertices), triangles=len(faces))
-    vertices = np.concatenate([surface.vertices, surface.normals], axis=1).astype("<f4", copy=False)
-    return header.encode("ascii") + vertices.tobytes() + faces.tobytes()
+    numbers = np.concatenate([surface.vertices, surface.normals], axis=1)
+    color, vertices = "", raw.float32(numbers)
+    if surface.colors is not None:
+        color, vertices = ply.COLOR, raw.beside(numbers, surface.colors)
+    header = _HEADER.format(vertices=len(numbers), color=color, triangles=len(faces))
+    return header.encode("ascii") + vertices + faces.tobytes()

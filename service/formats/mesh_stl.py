@@ -1,4 +1,4 @@
-"""STL of a surface, binary: each triangle by itself, with its own normal.."""
+"""STL of a surface, binary: each triangle by itself, with its own normal. It holds no colours."""
 
 import struct
 from typing import Final

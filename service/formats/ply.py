@@ -13,7 +13,7 @@ property float y
 property float z
 {color}end_header
 """
-_COLOR = """\
+COLOR = """\
 property uchar red
 property uchar green
 property uchar blue
@@ -22,7 +22,7 @@ property uchar blue
 
 def head(n: int, bounds: tuple[Array, Array] | None = None, *, colored: bool = False) -> bytes:
     """What precedes the points; PLY needs no bounds."""
-    return _HEADER.format(n=n, color=_COLOR if colored else "").encode("ascii")
+    return _HEADER.format(n=n, color=COLOR if colored else "").encode("ascii")
 
 
 def colored_body(points: Array, colors: Colors) -> bytes:

@@ -22,9 +22,10 @@ def float16(points: Array) -> bytes:
     return np.clip(points, -FLOAT16_MAX, FLOAT16_MAX).astype("<f2").tobytes()
 
 
-def beside(points: Array, more: Colors) -> bytes:
-    """Points (m, 3), each followed by its row of more, (m, b) uint8 -> (12 + b) m bytes."""
-    rows = np.empty((len(points), 12 + more.shape[1]), np.uint8)
-    rows[:, :12] = points.astype("<f4", order="C", copy=False).view(np.uint8)
-    rows[:, 12:] = more
+def beside(numbers: Array, more: Colors) -> bytes:
+    """Rows of float32 (m, a), each followed by its row of more, (m, b) uint8 -> (4 a + b) m bytes."""
+    size = 4 * numbers.shape[1]
+    rows = np.empty((len(numbers), size + more.shape[1]), np.uint8)
+    rows[:, :size] = numbers.astype("<f4", order="C", copy=False).view(np.uint8)
+    rows[:, size:] = more
     return rows.tobytes()

@@ -10,12 +10,10 @@ from service.caching import etag, is_fresh
 from service.clients import while_there
 from service.formats import negotiate
 from service.formats.mesh import MESH_FORMATS, MeshFormat
-from service.mapping import Array, MappingSpec, word_of
+from service.mapping import Functions, MappingSpec
 from service.queries import MeshQuery
 from service.routes.files import NOT_ACCEPTABLE, ObjectId, attachment, cached, file_responses
 from service.runtime import Ready
-from service.sampler import Sampler
-from service.surface import surface_of
 
 router = APIRouter(prefix="/objects", tags=["objects"])
 
@@ -27,7 +25,8 @@ router = APIRouter(prefix="/objects", tags=["objects"])
 )
 async def mesh(request: Request, id_: ObjectId, query: Annotated[MeshQuery, Query()], runtime: Ready) -> Response:
     """The object's surface: triangles of the canonical domain through f^k, with normals, in the object frame (+Y up,
-    front +Z, longest side 1), whatever the format.
+    front +Z, longest side 1), whatever the format; each vertex with its colour where the object has colours and the
+    format holds them.
 
     What f tears apart is left open, and a solid domain gives layers: for looking at, not a closed solid.
     """
@@ -41,9 +40,9 @@ async def mesh(request: Request, id_: ObjectId, query: Annotated[MeshQuery, Quer
     if "hof.head" in request.scope:
         return Response(headers=headers, media_type=fmt.media_type)
     with runtime.gates.points.admit(20 * query.resolution**2):
-        data = await while_there(request, runtime.run(_file, fmt, record.spec, functions.theta, query))
+        data = await while_there(request, runtime.run(_file, fmt, record.spec, functions, query))
     return Response(data, headers=headers, media_type=fmt.media_type)
 
 
-def _file(fmt: MeshFormat, spec: MappingSpec, theta: Array, query: MeshQuery) -> bytes:
-    return fmt.dump(surface_of(Sampler(spec, word_of(spec, theta)), query.resolution, query.scale))
+def _file(fmt: MeshFormat, spec: MappingSpec, functions: Functions, query: MeshQuery) -> bytes:
+    return fmt.dump(query.surface(spec, functions, holds_color=fmt.holds_color))

@@ -77,9 +77,9 @@ export async function fetchBytes(path, signal) {
   return (await call(path, { signal })).arrayBuffer();
 }
 
-/** Where points of an object are. */
-export function pointsPath(object, query) {
-  return `${object.links.points}?${new URLSearchParams(query)}`;
+/** Where a file of an object is: of its `points`, its `mesh` or its `weights`. */
+export function filePath(object, of, query) {
+  return `${object.links[of]}?${new URLSearchParams(query)}`;
 }
 
 /** How many bytes a point of the object has as it arrives. */
@@ -90,7 +90,7 @@ export function bytesPerPoint(object) {
 /** Fetch points, with their colours if the object has any, and hand on their bytes (Uint8Array) as they arrive. */
 export async function streamPoints(object, query, signal, take) {
   const format = object.color ? "pcd" : "f32"; // of those with colours the one whose points are whole words
-  const answer = await call(pointsPath(object, { ...query, format }), { signal });
+  const answer = await call(filePath(object, "points", { ...query, format }), { signal });
   const reader = answer.body.getReader();
   let head = object.color ? "" : null; // none any more
   for (;;) {

@@ -12,13 +12,13 @@ import { bytesPerPoint } from "./api.js";
 
 /** Points that arrive in order: the first m of n are those of m, so that more of them are appended. */
 export class Cloud {
-  /** `materials` shade points by depth, and paint those of objects in colour. */
+  /** `materials` of points and of surfaces: what shades them, and what paints those of objects in colour. */
   constructor(object, materials) {
     this.object = object;
     this.size = bytesPerPoint(object); // of a point, bytes
     this.materials = materials;
     this.scene = new Scene();
-    this.points = new Points(new BufferGeometry(), materials?.shaded);
+    this.points = new Points(new BufferGeometry(), materials?.points.shaded);
     this.points.frustumCulled = false; // its bounds are those of the object frame
     this.scene.add(this.points);
     this.clear();
@@ -61,7 +61,9 @@ export class Cloud {
 
   /** Show the object's colours, if it has any, or shades. */
   paint(inColor) {
-    this.points.material = inColor && this.object.color ? this.materials.painted : this.materials.shaded;
+    const way = inColor && this.object.color ? "painted" : "shaded";
+    this.points.material = this.materials.points[way];
+    if (this.surface) this.surface.material = this.materials.surface[way];
   }
 
   /** Three numbers of each point, from its byte `offset` on: a view of the bytes, so that nothing is copied. */

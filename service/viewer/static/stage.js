@@ -3,7 +3,7 @@ import { Color, MathUtils, PerspectiveCamera, ShaderMaterial, Spherical, WebGLRe
 import { OrbitControls } from "three/controls";
 
 import { colours, onColoursChange } from "./colours.js";
-import { surfaceMaterial } from "./surface.js";
+import { surfaceMaterials } from "./surface.js";
 
 const DISTANCE = 3.1; // of the camera; the longest side of an object is 1
 const FIELD_OF_VIEW = 26; // degrees
@@ -61,8 +61,10 @@ export class Stage {
       near: { value: new Color() },
       far: { value: new Color() },
     };
-    this.materials = { shaded: this.#material({}), painted: this.#material({ PAINTED: "", DIMMEST }) };
-    this.surfaceMaterial = surfaceMaterial(this.uniforms);
+    this.materials = {
+      points: { shaded: this.#material({}), painted: this.#material({ PAINTED: "", DIMMEST }) },
+      surface: surfaceMaterials(this.uniforms),
+    };
     this.camera = new PerspectiveCamera(FIELD_OF_VIEW, 1, 0.1, 20);
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.enablePan = false;

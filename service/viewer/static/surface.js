@@ -1,13 +1,20 @@
 // An object's surface, on the graphics card.
 import { BufferAttribute, BufferGeometry, DoubleSide, Mesh, ShaderMaterial } from "three";
 
-import { fetchBytes } from "./api.js";
+import { fetchBytes, filePath } from "./api.js";
 
 const VERTEX = `
   uniform float distance;
   varying float depth; // 0 nearest, 1 farthest
   varying vec3 towards; // the normal, seen from the camera
+  #ifdef PAINTED
+    attribute vec3 paint; // linear
+    varying vec3 painted;
+  #endif
   void main() {
+    #ifdef PAINTED
+      painted = paint;
+    #endif
     vec4 seen = modelViewMatrix * vec4(position, 1.0);
     depth = clamp(-seen.z - distance + 0.5, 0.0, 1.0);
     towards = normalMatrix * normal;
@@ -18,25 +25,35 @@ const FRAGMENT = `
   uniform vec3 far;
   varying float depth;
   varying vec3 towards;
+  #ifdef PAINTED
+    varying vec3 painted;
+  #endif
   void main() {
-    float light = abs(normalize(towards).z); // a lamp at the camera; layers have two sides
-    gl_FragColor = vec4(mix(far, mix(near, far, depth), 0.25 + 0.75 * light), 1.0);
+    float light = 0.25 + 0.75 * abs(normalize(towards).z); // a lamp at the camera; layers have two sides
+    #ifdef PAINTED
+      gl_FragColor = linearToOutputTexel(vec4(light * painted, 1.0));
+    #else
+      gl_FragColor = vec4(mix(far, mix(near, far, depth), light), 1.0);
+    #endif
   }`;
 
-/** What all surfaces are drawn with; it shares the uniforms of the points. */
-export function surfaceMaterial(uniforms) {
-  return new ShaderMaterial({ vertexShader: VERTEX, fragmentShader: FRAGMENT, uniforms, side: DoubleSide });
+/** What surfaces are shaded with, and what paints those in colour; they share the uniforms of the points. */
+export function surfaceMaterials(uniforms) {
+  const material = (defines) =>
+    new ShaderMaterial({ vertexShader: VERTEX, fragmentShader: FRAGMENT, uniforms, defines, side: DoubleSide });
+  return { shaded: material({}), painted: material({ PAINTED: "" }) };
 }
 
-/** Fetch the surface of an object, as a Mesh. */
-export async function fetchSurface(object, material, signal) {
-  const bytes = await fetchBytes(`${object.links.mesh}?format=glb`, signal);
-  const { positions, normals, indices } = readGlb(bytes);
+/** Fetch the surface of an object, with its colours if it has any, as a Mesh; its material is the cloud's to choose. */
+export async function fetchSurface(object, signal) {
+  const bytes = await fetchBytes(filePath(object, "mesh", { format: "glb" }), signal);
+  const { positions, normals, colors, indices } = readGlb(bytes);
   const geometry = new BufferGeometry();
   geometry.setAttribute("position", new BufferAttribute(positions, 3));
   geometry.setAttribute("normal", new BufferAttribute(normals, 3));
+  if (colors) geometry.setAttribute("paint", new BufferAttribute(colors, 3));
   geometry.setIndex(new BufferAttribute(indices, 1));
-  const mesh = new Mesh(geometry, material);
+  const mesh = new Mesh(geometry);
   mesh.frustumCulled = false; // its bounds are those of the object frame
   return mesh;
 }
@@ -53,6 +70,7 @@ function readGlb(bytes) {
   return {
     positions: array(Float32Array, attributes.POSITION),
     normals: array(Float32Array, attributes.NORMAL),
+    colors: "COLOR_0" in attributes ? array(Float32Array, attributes.COLOR_0) : undefined,
     indices: array(Uint32Array, indices),
   };
 }

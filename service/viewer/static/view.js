@@ -1,5 +1,5 @@
 // The objects on the stage: how many points of which seed, how many have arrived, or the surface; and their download.
-import { fetchFile, pointsPath, streamPoints } from "./api.js";
+import { fetchFile, filePath, streamPoints } from "./api.js";
 import { Cloud } from "./cloud.js";
 import { showCurl } from "./curl.js";
 import { attempt } from "./problem.js";
@@ -94,7 +94,7 @@ async function fillPoints(cloud, signal) {
 }
 
 async function fillSurface(cloud, signal) {
-  const mesh = await fetchSurface(cloud.object, stage.surfaceMaterial, signal);
+  const mesh = await fetchSurface(cloud.object, signal);
   if (signal.aborted) return;
   cloud.setSurface(mesh);
   stage.redraw();
@@ -137,10 +137,9 @@ function chosen() {
   const [{ object }] = clouds;
   const name = format.value;
   const { of } = format.selectedOptions[0].parentElement.dataset;
-  if (of !== "points") return { path: `${object.links[of]}?format=${name}`, suffix: name };
-  const query = { n: wanted(), seed: seed.value, format: name };
-  if (object.color && !color.checked) query.color = "none";
-  return { path: pointsPath(object, query), suffix: name };
+  const query = of === "points" ? { n: wanted(), seed: seed.value, format: name } : { format: name };
+  if (of !== "weights" && object.color && !color.checked) query.color = "none";
+  return { path: filePath(object, of, query), suffix: name };
 }
 
 function showDownload() {
