@@ -151,7 +151,7 @@ def _engine(url: URL) -> AsyncEngine:
     if url.get_backend_name() != "sqlite":
         is_asyncpg = url.get_driver_name() == "asyncpg"
         return create_async_engine(url, pool_pre_ping=True, connect_args=ASYNCPG if is_asyncpg else {})
-    if url.database:
+    if url.database and not url.database.startswith("file:"):  # a URI's folder is its own matter
         Path(url.database).parent.mkdir(parents=True, exist_ok=True)
     # Where this fails, aiosqlite would leave a thread behind that fails once more.
     create_engine(url.set(drivername="sqlite")).connect().close()

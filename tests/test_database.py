@@ -89,13 +89,18 @@ def test_a_spoilt_file_is_refused_at_start_in_a_sentence_that_says_what_to_do(
     url = f"sqlite:///{'file:' if query else ''}{path}{query}"
     command = [str(Path(sys.executable).with_name("hof")), "serve", "--port", "0"]
     run = subprocess.run(
-        [*command, "--model", str(model_path), "--database-url", url], capture_output=True, text=True, timeout=60
+        [*command, "--model", str(model_path), "--database-url", url],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        cwd=tmp_path,
     )
     assert run.returncode == 2, run.stderr
     assert run.stderr.startswith("hof: cannot open the database sqlite:///")
     assert run.stderr.count("\n") == 1
     assert told in run.stderr
     assert remedy in run.stderr
+    assert {each.name[:6] for each in tmp_path.iterdir()} == {"hof.db"}  # and nothing was made beside it
 
 
 def test_a_sound_file_is_not_refused(tmp_path: Path) -> None:
