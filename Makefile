@@ -23,7 +23,7 @@ serve: .venv/service.stamp $(MATTING) ## the service on 127.0.0.1:8080; settings
 	$(BIN)/hof serve
 
 test: .venv/dev.stamp .venv/system.stamp $(BUNDLE) $(GLTF) $(MATTING) ## all tests
-	$(BIN)/pytest
+	OMP_NUM_THREADS=1 $(BIN)/pytest -n 3 --dist loadfile
 
 lint: .venv/dev.stamp ## ruff and mypy
 	$(BIN)/ruff check

@@ -1,8 +1,7 @@
 """Is anything lost? A server under write load is killed, and one is stopped, again and again; what it acknowledged is
-then looked for. `python -m benchmarks.kills` prints the figures.
+then looked for.
 """
 
-import argparse
 import itertools
 import random
 import signal
@@ -20,6 +19,7 @@ import httpx
 import numpy as np
 
 from benchmarks.processes import is_ready, killable
+from benchmarks.report import Asked
 from service.formats.weights import Weights, dump
 from service.ids import composed_id
 from service.mapping import MappingSpec, initial_theta
@@ -141,30 +141,24 @@ def _post(client: httpx.Client, ledger: Ledger) -> str:
     return name
 
 
-def main() -> None:
-    """Print the figures as a table's rows."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--kills", type=int, default=100)
-    parser.add_argument("--stops", type=int, default=10)
-    parser.add_argument("--seed", type=int, default=0)
-    arguments = parser.parse_args()
-    draw = random.Random(arguments.seed)  # noqa: S311
-    ledger, faults = Ledger(), 0
+def faults(asked: list[Asked], kills: int, stops: int) -> str:
+    """Kill it so many times and stop it so many times, and count what is missing."""
+    draw, ledger, missing = random.Random(0), Ledger(), 0  # noqa: S311
     with tempfile.TemporaryDirectory() as folder:
         database = Path(folder) / "hof.db"
-        for _ in range(arguments.kills):
+        for _ in range(kills):
             kill(database, ledger, draw.randrange(MOST_WRITES))
-            faults += len(lost(database, ledger))
-        stops = [stop(database, ledger) for _ in range(arguments.stops)]
-        faults += len(lost(database, ledger))
-    unready = np.array([each.unready_ms for each in stops])
-    print("| figure | measured | asked |\n|---|---|---|")
-    print(f"| SIGKILL under write load, {arguments.kills} times: objects acknowledged | {len(ledger.thetas):,} | |")
-    print(f"| of these lost or half there | {faults} | 0 |")
-    print(f"| SIGTERM, {arguments.stops} times: ms until unready, median | {np.median(unready):.1f} | |")
-    print(f"| the slowest | {unready.max():.1f} | <= 100 |")
-    print(f"| calls that broke off | {sum(each.broken for each in stops)} | 0 |")
-
-
-if __name__ == "__main__":
-    main()
+            missing += len(lost(database, ledger))
+        stopped = [stop(database, ledger) for _ in range(stops)]
+        missing += len(lost(database, ledger))
+    unready = np.array([each.unready_ms for each in stopped])
+    asked += [
+        Asked(f"{kills} kills: acknowledged objects that are lost or half there", missing, 0, at_most=True),
+        Asked("stopped: ms until it is unready, the slowest", float(unready.max()), 100, at_most=True),
+        Asked("stopped: calls that broke off", sum(each.broken for each in stopped), 0, at_most=True),
+    ]
+    return (
+        f"## Faults: SIGKILL {kills} times, SIGTERM {stops} times, amid the writes of {WRITERS} clients\n\n"
+        f"Acknowledged: {len(ledger.thetas):,} objects and {len(ledger.words):,} words of them; after each end all are "
+        f"looked for. Unready after SIGTERM: {np.median(unready):.1f} ms, the median."
+    )

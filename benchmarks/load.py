@@ -1,7 +1,7 @@
-"""`make load`: the service under load, and beside others; writes benchmarks/LOAD.md. About five minutes and a soak.
+"""`make load`: the service under load, beside others, killed and stopped; writes benchmarks/LOAD.md.
 
-The server has one core and one thread of each kind; the load comes from another core. `--soak` adds 200,000 mixed
-requests to the end.
+The server has one core and one thread of each kind; the load comes from another core. The first quarter of an hour
+needs a machine that does nothing else; `--soak` adds 200,000 mixed requests, which do not.
 """
 
 import argparse
@@ -18,6 +18,7 @@ import numpy as np
 
 from benchmarks.comparison import compare
 from benchmarks.generator import Answers, closed_loop, open_loop, probe
+from benchmarks.kills import faults
 from benchmarks.photos import photos
 from benchmarks.processes import cpu_s, hof, others, pin_to, serving, status_bytes, threads
 from benchmarks.report import Asked, asked_table
@@ -49,6 +50,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     asked: list[Asked] = []
     sections = [batching(asked, 3 if quick else 30), overload(asked, 2 if quick else 60)]
     sections.append(compare(asked, SERVER_CORE, 1 if quick else 3, 0.5 if quick else 5, arguments.peers))
+    sections.append(faults(asked, *((2, 1) if quick else (100, 10))))
     if arguments.soak or quick:
         sections.append(soak(asked, SERVER_CORE, 200 if quick else 200_000))
     page = (
