@@ -1,13 +1,11 @@
 """Rendering, isolation of workers, deduplication, splits, and the data set that they make."""
 
-import os
-import signal
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
+from faulty_jobs import work
 from PIL import Image
 from shapes import SHAPES, write_folder
 
@@ -101,21 +99,12 @@ def test_camera_axes_are_a_right_handed_frame() -> None:
     assert np.stack([right, up, toward]) @ np.stack([right, up, toward]).T == pytest.approx(np.eye(3), abs=1e-6)
 
 
-def _work(job: int) -> None:
-    if job == 1:
-        os.kill(os.getpid(), signal.SIGSEGV)  # what VTK did
-    if job == 2:
-        raise ValueError("bad mesh")
-    if job == 3:
-        time.sleep(60)
-
-
 def test_a_crash_an_error_and_a_hang_cost_one_job_each() -> None:
-    outcomes = {outcome.job: outcome.failure for outcome in run_isolated(_work, range(8), processes=2, timeout_s=25)}
+    outcomes = {outcome.job: outcome.failure for outcome in run_isolated(work, range(8), processes=2, timeout_s=8)}
     assert len(outcomes) == 8
     assert outcomes[1] == "the worker process crashed"
     assert outcomes[2] == "ValueError: bad mesh"
-    assert outcomes[3] == "took longer than 25 s"
+    assert outcomes[3] == "took longer than 8 s"
     assert [job for job, failure in outcomes.items() if failure] == sorted((1, 2, 3), key=list(outcomes).index)
 
 
