@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from typing import Any, Final, Literal
 
 import numpy as np
-from sqlalchemy import Row, select
+from sqlalchemy import Row, bindparam, select
 from sqlalchemy.exc import DBAPIError, IntegrityError
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine
 
@@ -23,6 +23,7 @@ Kind = Literal["encoded", "imported", "composed", "interpolated"]
 
 MAX_SEQ: Final = 2**63 - 1
 MAX_NAMED: Final = 10  # composed objects that a refusal to delete names
+ONE: Final = select(objects).where(objects.c.id == bindparam("of"))  # built once: each photo asks for it
 HEADER: Final = [column for column in objects.columns if column.name not in ("theta", "color")]
 
 
@@ -111,7 +112,7 @@ class Store:
         """The object of that id and its functions; of a composed object those of its word, in order. None where
         there is none."""
         async with self._engine.connect() as connection:
-            row = (await connection.execute(select(objects).where(objects.c.id == object_id))).first()
+            row = (await connection.execute(ONE, {"of": object_id})).first()
             if row is None:
                 return None
             record = _record(row)
@@ -212,7 +213,7 @@ async def _insert(connection: AsyncConnection, record: Record, functions: Functi
         "color": _bytes(color.weights) if color else None,
         "color_spec": record.color_spec.to_json() if record.color_spec else None,
     }
-    await connection.execute(objects.insert().values(values))
+    await connection.execute(objects.insert(), values)
     if record.kind == "composed":
         pairs = [{"composed_id": record.id, "member_id": member} for member in set(record.members)]
         await connection.execute(uses.insert(), pairs)
