@@ -2,10 +2,11 @@
 
 import asyncio
 import socket
+import sqlite3
 import struct
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 import httpx
@@ -13,11 +14,15 @@ import pytest
 from conftest import Server, running
 from slow import DEADLINE_S, PATH, plain, runtime_of, until
 from starlette.requests import ClientDisconnect
+from tiny_model import SPEC
 
 from benchmarks.processes import hof, others, serving, threads
-from service import vital
+from service import database, vital
 from service.admission import Gate
+from service.database import SQLITE_CONNECTIONS
 from service.errors import InvalidModel, InvalidParameter, Overloaded
+from service.formats.weights import Weights, dump
+from service.mapping import initial_theta
 from service.points import FIRST_PART, PART, in_flight
 from service.settings import Settings
 
@@ -121,6 +126,30 @@ def test_points_over_the_bound_are_refused_until_a_stream_ends(slow: Server, qui
 @pytest.mark.parametrize(("n", "expected"), [(1, FIRST_PART), (50_000, 50_000), (10_000_000, 3 * PART)])
 def test_a_stream_counts_for_what_it_has_at_a_time(n: int, expected: int) -> None:
     assert in_flight(n, ahead=2) == expected
+
+
+def test_a_store_that_others_keep_is_429_until_they_let_go(
+    settings: Settings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(database, "POOL_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(database, "BUSY_TIMEOUT_MS", 2_000)
+    files = [dump(Weights(SPEC, initial_theta(SPEC, seed), "m"), "safetensors") for seed in range(SQLITE_CONNECTIONS)]
+    with (
+        running(settings) as server,
+        httpx.Client(base_url=f"http://127.0.0.1:{server.port}", timeout=DEADLINE_S) as client,
+        closing(sqlite3.connect(tmp_path / "store" / "hof.db", isolation_level=None)) as other,
+        ThreadPoolExecutor(len(files)) as pool,
+    ):
+        assert client.get("/objects").json()["items"] == []
+        other.execute("BEGIN IMMEDIATE")  # no other writer comes in
+        writes = [pool.submit(client.post, "/objects", content=file) for file in files]
+        connections = runtime_of(server).store._engine.pool
+        until(lambda: connections.checkedout() == len(files))  # type: ignore[attr-defined]
+        for answer in (client.get("/objects"), *(write.result() for write in writes)):
+            assert (answer.status_code, answer.json()["title"]) == (429, "Overloaded")
+            assert int(answer.headers["retry-after"]) >= 1
+        other.execute("ROLLBACK")
+        assert [client.post("/objects", content=file).status_code for file in files] == [201] * len(files)
 
 
 @pytest.mark.filterwarnings("ignore")  # connections that are reset, in the server's thread
