@@ -7,11 +7,12 @@ import struct
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing
+from dataclasses import replace
 from pathlib import Path
 
 import httpx
 import pytest
-from conftest import Server, running
+from conftest import Server, check_refused, running
 from slow import DEADLINE_S, PATH, plain, runtime_of, until
 from starlette.requests import ClientDisconnect
 from tiny_model import SPEC
@@ -22,7 +23,7 @@ from service.admission import Gate
 from service.database import SQLITE_CONNECTIONS
 from service.errors import InvalidModel, InvalidParameter, Overloaded
 from service.formats.weights import Weights, dump
-from service.mapping import initial_theta
+from service.mapping import HOF_1, initial_theta
 from service.points import FIRST_PART, PART, in_flight
 from service.settings import Settings
 
@@ -121,6 +122,38 @@ def test_points_over_the_bound_are_refused_until_a_stream_ends(slow: Server, qui
     until(lambda: gate.held == 0)
     assert (gate.cancelled, gate.refused) == (1, 2)
     assert len(quick.get(f"{path}?n=100&format=f32").content) == 1200
+
+
+def test_a_large_function_takes_more_of_the_bound_and_gives_fewer_points(settings: Settings) -> None:
+    wide = replace(HOF_1, hidden=(3_000,), k=16)  # 23 times the work of the default model
+    file = dump(Weights(wide, 0.1 * initial_theta(wide), "m"), "safetensors")
+    with (
+        running(settings.model_copy(update={"max_points_in_flight": 1_000_000})) as server,
+        httpx.Client(base_url=f"http://127.0.0.1:{server.port}", timeout=DEADLINE_S) as client,
+    ):
+        gate = runtime_of(server).gates.points
+        path = client.post("/objects", content=file).json()["links"]["points"]
+        small = client.post(PATH, content=plain(255)).json()["links"]["points"]
+        with socket.create_connection(("127.0.0.1", server.port), timeout=DEADLINE_S) as connection:
+            connection.sendall(f"GET {path}?n=6000000 HTTP/1.1\r\nHost: x\r\n\r\n".encode())
+            assert connection.recv(65_536).startswith(b"HTTP/1.1 200 ")  # alone, whatever it takes
+            assert gate.held == 23 * in_flight(6_000_000, settings.threads)
+            assert client.get(f"{small}?n=1").status_code == 429
+        until(lambda: gate.held == 0)
+        assert client.head(f"{small}?n=6956522").status_code == 200
+        check_refused(client.get(f"{path}?n=6956522"), "n", "6956521")
+
+
+def test_a_huge_functions_surface_is_refused_unless_it_is_coarse(settings: Settings) -> None:
+    huge = replace(HOF_1, hidden=(28_571,), k=16)
+    file = dump(Weights(huge, 0.001 * initial_theta(huge), "m"), "safetensors")
+    with (
+        running(settings.model_copy(update={"max_weights_bytes": 1_000_000, "max_points": 100_000})) as server,
+        httpx.Client(base_url=f"http://127.0.0.1:{server.port}", timeout=DEADLINE_S) as client,
+    ):
+        path = client.post("/objects", content=file).json()["links"]["mesh"]
+        check_refused(client.get(f"{path}?resolution=20"), "resolution", "7174")
+        assert client.get(f"{path}?resolution=8").status_code == 200
 
 
 @pytest.mark.parametrize(("n", "expected"), [(1, FIRST_PART), (50_000, 50_000), (10_000_000, 3 * PART)])
