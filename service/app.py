@@ -26,7 +26,7 @@ from service.openapi import openapi_text
 from service.routes import compose, encode, health, inference, mesh, metrics, objects, viewer
 from service.runtime import Runtime
 from service.sampler import hold_blas_to_one_thread
-from service.schemas import Problem
+from service.schemas import RETRY_AFTER, Problem
 from service.settings import Settings
 from service.store import Store
 from service.tracing import telemetry
@@ -40,7 +40,7 @@ Objects are in one frame: right-handed, +Y up, front +Z, the longest side 1. Err
 
 RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
     422: {"model": Problem, "description": "A parameter is unknown, of the wrong type or out of range"},
-    503: {"model": Problem, "description": "The service is starting or stopping"},
+    503: {"model": Problem, "description": "The service is starting or stopping", "headers": RETRY_AFTER},
 }
 
 
