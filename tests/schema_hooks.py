@@ -32,9 +32,8 @@ def before_call(context: schemathesis.HookContext, case: schemathesis.Case[Any],
         query["n"] = min(int(query["n"]), MOST_POINTS)
     if query.get("sampling") == "sobol" and "offset" in query:
         query["offset"] = min(int(query["offset"]), MOST_OFFSET)
-    if case.operation.label == "POST /compose" and isinstance(case.body, dict):
-        if word := _word(case.operation.base_url):
-            case.body["objects"] = [*word]
+    if case.operation.label == "POST /compose" and (word := _word(case.operation.base_url)):
+        case.body = {**case.body, "objects": word}  # type: ignore[dict-item]
     if case.operation.label in BODIES:
         number = zlib.crc32(repr(case.body).encode()) % 100
         case.media_type, kwargs["data"] = BODIES[case.operation.label](number, case.media_type)
