@@ -1,4 +1,5 @@
-"""`make load`: the service under load, and beside others; writes benchmarks/LOAD.md. About five minutes and a soak.
+"""`make load`: the service under load, beside others, and under 10,000 damaged images; writes benchmarks/LOAD.md. About
+seven minutes and a soak.
 
 The server has one core and one thread of each kind; the load comes from another core. `--soak` adds 200,000 mixed
 requests to the end.
@@ -17,6 +18,7 @@ from typing import Final
 import numpy as np
 
 from benchmarks.comparison import compare
+from benchmarks.fuzz import fuzz
 from benchmarks.generator import Answers, closed_loop, open_loop, probe
 from benchmarks.photos import photos
 from benchmarks.processes import cpu_s, hof, others, pin_to, serving, status_bytes, threads
@@ -49,6 +51,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     asked: list[Asked] = []
     sections = [batching(asked, 3 if quick else 30), overload(asked, 2 if quick else 60)]
     sections.append(compare(asked, SERVER_CORE, 1 if quick else 3, 0.5 if quick else 5, arguments.peers))
+    sections.append(fuzz(asked, SERVER_CORE, 200 if quick else 10_000))
     if arguments.soak or quick:
         sections.append(soak(asked, SERVER_CORE, 200 if quick else 200_000))
     page = (

@@ -113,13 +113,18 @@ class BoundedHeads(HttpToolsProtocol):
             self.transport.close()
 
     def _refuse(self, error: HofError) -> None:
-        """Answer, unless another answer is being sent, and hang up."""
-        if self.cycle is None or self.cycle.response_complete:
+        """Answer, unless that would break into another answer, and hang up."""
+        cycle = self.cycle
+        is_within = cycle is not None and not cycle.response_complete  # a request of which a part has come
+        if not is_within or (cycle.more_body and not cycle.response_started and not self.pipeline):
             answer = respond(error)
             headers = MutableHeaders(raw=[*self.server_state.default_headers, *answer.raw_headers])
             headers.update({**SECURE, "Connection": "close"})
             fields = b"".join(b"%b: %b\r\n" % field for field in headers.raw)
             self.transport.write(STATUS_LINE[error.status] + fields + b"\r\n" + bytes(answer.body))
+        if is_within:
+            cycle.disconnected = True  # so that the call says nothing more, and ends
+            cycle.message_event.set()
         self.transport.close()
 
 
