@@ -144,16 +144,22 @@ def test_a_large_function_takes_more_of_the_bound_and_gives_fewer_points(setting
         check_refused(client.get(f"{path}?n=6956522"), "n", "6956521")
 
 
-def test_a_huge_functions_surface_is_refused_unless_it_is_coarse(settings: Settings) -> None:
-    huge = replace(HOF_1, hidden=(28_571,), k=16)
-    file = dump(Weights(huge, 0.001 * initial_theta(huge), "m"), "safetensors")
+def test_a_huge_functions_surface_and_words_are_refused_unless_they_are_few(settings: Settings) -> None:
+    huge = replace(HOF_1, hidden=(28_571,), k=8)  # 111 times the work of the default model
+    files = [dump(Weights(huge, 0.001 * initial_theta(huge, seed), "m"), "safetensors") for seed in range(2)]
+    limits = {"max_weights_bytes": 1_000_000, "max_points": 300_000}
     with (
-        running(settings.model_copy(update={"max_weights_bytes": 1_000_000, "max_points": 100_000})) as server,
+        running(settings.model_copy(update=limits)) as server,
         httpx.Client(base_url=f"http://127.0.0.1:{server.port}", timeout=DEADLINE_S) as client,
     ):
-        path = client.post("/objects", content=file).json()["links"]["mesh"]
-        check_refused(client.get(f"{path}?resolution=20"), "resolution", "7174")
+        one, other = (client.post("/objects", content=file).json() for file in files)
+        path = one["links"]["mesh"]
+        check_refused(client.get(f"{path}?resolution=50"), "resolution", "43243")
         assert client.get(f"{path}?resolution=8").status_code == 200
+        body = {"objects": [one["id"], other["id"]], "mode": "all"}
+        check_refused(client.post("/compose", json=body), "objects", "43243")
+        word = {"objects": [one["id"]] * 4 + [other["id"]] * 4}
+        assert client.post("/compose", json=word).status_code == 201
 
 
 @pytest.mark.parametrize(("n", "expected"), [(1, FIRST_PART), (50_000, 50_000), (10_000_000, 3 * PART)])

@@ -159,7 +159,7 @@ async def weights(request: Request, id_: ObjectId, query: Annotated[WeightsQuery
         return Response(status_code=304, headers=headers)
     word = record.members if record.kind == "composed" else ()
     kept = Weights(record.spec, functions.theta, record.model, word, functions.color)
-    with runtime.gates.points.admit(PROBE_POINTS):
+    with runtime.gates.points.admit(PROBE_POINTS * cost_of(record.spec, functions)):
         data = await while_there(request, runtime.run(dump, kept, query.format))
     fmt = WEIGHT_FORMATS[query.format]
     return Response(data, headers=headers | attachment(id_, fmt.extension), media_type=fmt.media_type)
