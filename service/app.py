@@ -18,6 +18,7 @@ from service.access import Access
 from service.clients import Patience
 from service.errors import InvalidParameter
 from service.headers import SecureHeaders, with_cors
+from service.images import ignore_remarks
 from service.matting import Matting
 from service.metrics import Metrics
 from service.models import Models
@@ -102,6 +103,7 @@ async def _lifespan(settings: Settings, app: FastAPI) -> AsyncIterator[None]:
         matting = await asyncio.to_thread(Matting.of, settings.matting_model, settings.threads)
         await asyncio.to_thread(kernel.load)
         hold_blas_to_one_thread()
+        ignore_remarks()
         store = await Store.open(settings.database_url)
         app.state.runtime = Runtime(settings, models, matting, store, executor, app.state.metrics)
         try:

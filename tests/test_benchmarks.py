@@ -13,7 +13,7 @@ from benchmarks.rivals import RIVALS, Make, numpy_tiles
 from service.mapping import HOF_1, HOF_3, initial_theta, power
 
 ROOT = Path(__file__).parents[1]
-RUN_TIMEOUT_S = 300
+RUN_TIMEOUT_S = 600
 WAYS = {"NumPy tiles": numpy_tiles} | {name: RIVALS[name] for name in ("naive NumPy", "onnxruntime", "torch eager")}
 
 

@@ -36,4 +36,5 @@ def test_every_damaged_image_is_answered_and_none_by_a_fault(model_path: Path, t
             answers[answer.status_code] += 1
         assert client.get("/health/ready").status_code == 200
         assert process.poll() is None
+    assert "Warning: " not in (tmp_path / "log").read_text()
     assert {201, 400, 413, 415} <= answers.keys(), answers
