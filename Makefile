@@ -33,7 +33,7 @@ lint: .venv/dev.stamp ## ruff and mypy
 bench: .venv/bench.stamp ## measure sampler, decoders and service on an idle machine; writes benchmarks/RESULTS.md
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.run
 
-load: .venv/peers/stamp ## overload, peers and a soak, on an idle machine of two cores; writes benchmarks/LOAD.md
+load: .venv/peers/stamp ## overload, peers, damaged images and a soak, on an idle machine of two cores; writes benchmarks/LOAD.md
 	$(BIN)/python -m benchmarks.load --soak --peers .venv/peers
 
 results: .venv/bench.stamp .venv/system.stamp ## build the data set, evaluate the shipped models: RESULTS.md

@@ -1,4 +1,4 @@
-"""`make load`: the service under load, beside others, killed and stopped; writes benchmarks/LOAD.md.
+"""`make load`: the service under load, beside others, killed, and sent damaged images; writes benchmarks/LOAD.md.
 
 The server has one core and one thread of each kind; the load comes from another core. The first quarter of an hour
 needs a machine that does nothing else; `--soak` adds 200,000 mixed requests, which do not.
@@ -17,6 +17,7 @@ from typing import Final
 import numpy as np
 
 from benchmarks.comparison import compare
+from benchmarks.fuzz import fuzz
 from benchmarks.generator import Answers, closed_loop, open_loop, probe
 from benchmarks.kills import faults
 from benchmarks.photos import photos
@@ -51,6 +52,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     sections = [batching(asked, 3 if quick else 30), overload(asked, 2 if quick else 60)]
     sections.append(compare(asked, SERVER_CORE, 1 if quick else 3, 0.5 if quick else 5, arguments.peers))
     sections.append(faults(asked, *((2, 1) if quick else (100, 10))))
+    sections.append(fuzz(asked, SERVER_CORE, 200 if quick else 10_000))
     if arguments.soak or quick:
         sections.append(soak(asked, SERVER_CORE, 200 if quick else 200_000))
     page = (

@@ -18,6 +18,7 @@ from service.access import Access
 from service.clients import Patience
 from service.errors import InvalidParameter
 from service.headers import SecureHeaders, with_cors
+from service.images import ignore_remarks
 from service.matting import Matting
 from service.metrics import Metrics
 from service.models import Models
@@ -26,7 +27,7 @@ from service.openapi import openapi_text
 from service.routes import compose, encode, health, inference, mesh, metrics, objects, viewer
 from service.runtime import Runtime
 from service.sampler import hold_blas_to_one_thread
-from service.schemas import Problem
+from service.schemas import RETRY_AFTER, Problem
 from service.settings import Settings
 from service.store import Store
 from service.tracing import telemetry
@@ -40,7 +41,7 @@ Objects are in one frame: right-handed, +Y up, front +Z, the longest side 1. Err
 
 RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
     422: {"model": Problem, "description": "A parameter is unknown, of the wrong type or out of range"},
-    503: {"model": Problem, "description": "The service is starting or stopping"},
+    503: {"model": Problem, "description": "The service is starting or stopping", "headers": RETRY_AFTER},
 }
 
 
@@ -102,6 +103,7 @@ async def _lifespan(settings: Settings, app: FastAPI) -> AsyncIterator[None]:
         matting = await asyncio.to_thread(Matting.of, settings.matting_model, settings.threads)
         await asyncio.to_thread(kernel.load)
         hold_blas_to_one_thread()
+        ignore_remarks()
         store = await Store.open(settings.database_url)
         app.state.runtime = Runtime(settings, models, matting, store, executor, app.state.metrics)
         try:

@@ -1,9 +1,10 @@
 """Clients that leave or stall: their work ends. What is queued for them is never begun."""
 
 import asyncio
+import time
 from collections.abc import AsyncIterator, Coroutine, Mapping
 from contextlib import suppress
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import StreamingResponse
@@ -13,6 +14,8 @@ from service.admission import Gate
 from service.errors import Stalled
 
 R = TypeVar("R")
+
+SLOWEST_UPLOAD: Final = 8_192  # bytes a second, of a body once it has had the longest wait for its first ones
 
 
 async def while_there(request: Request, work: Coroutine[Any, Any, R]) -> R:
@@ -67,7 +70,8 @@ class AdmittedStream(StreamingResponse):
 
 
 class Patience:
-    """Ends a request whose client neither sends the next bytes of its body nor takes those of its answer in time.
+    """Ends a request whose client does not send the next bytes of its body in time, or a few at a time only, or does
+    not take those of its answer.
 
     It would keep what a gate lets in from others. In the call, `receive` then raises Stalled and `send`
     ClientDisconnect.
@@ -82,17 +86,20 @@ class Patience:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        body_ended = False
+        began, received, body_ended = time.monotonic(), 0, False
 
         async def receive_in_time() -> Message:
-            nonlocal body_ended
+            nonlocal received, body_ended
             if body_ended:  # what comes now is that the client leaves
                 return await receive()
+            left_s = began + self._seconds + received / SLOWEST_UPLOAD - time.monotonic()
             try:
-                async with asyncio.timeout(self._seconds):
+                async with asyncio.timeout(min(self._seconds, left_s)):
                     message = await receive()
             except TimeoutError:
-                raise Stalled(f"no byte of the body came for {self._seconds:g} s") from None
+                slow = f"no byte of the body came for {self._seconds:g} s, or fewer than {SLOWEST_UPLOAD} a second"
+                raise Stalled(slow) from None
+            received += len(message.get("body", b""))
             body_ended = not message.get("more_body", False)
             return message
 

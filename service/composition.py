@@ -43,12 +43,17 @@ class Proposal:
     """An object that is not kept yet.
 
     own : its functions; None for a composed object.
-    functions : its own, or those of its word.
+    word : those of a composed object's word, in order; joined only when they are asked for, since `all` makes many.
     """
 
     record: Record
     own: Functions | None
-    functions: Functions
+    word: tuple[Functions, ...] = ()
+
+    @property
+    def functions(self) -> Functions:
+        """Its own, or those of its word."""
+        return self.own or joined(self.word)
 
 
 def check(members: Sequence[Member], mode: Mode) -> None:
@@ -108,8 +113,8 @@ def check_values(proposals: Sequence[Proposal]) -> None:
 
 
 def _composed(word: Sequence[tuple[Record, Functions]]) -> Proposal:
-    functions = joined([each for _, each in word])
-    return Proposal(_record("composed", word, functions), None, functions)
+    functions = tuple(each for _, each in word)
+    return Proposal(_record("composed", word), None, functions)
 
 
 def _interpolated(parents: Sequence[tuple[Record, Functions]]) -> Proposal:
@@ -118,7 +123,7 @@ def _interpolated(parents: Sequence[tuple[Record, Functions]]) -> Proposal:
     functions = Functions(
         _mean(every.theta), Color(every.color.spec, _mean(every.color.weights)) if every.color else None
     )
-    return Proposal(_record("interpolated", parents, functions), functions, functions)
+    return Proposal(_record("interpolated", parents), functions)
 
 
 def _mean(rows: Array) -> Array:
@@ -126,14 +131,12 @@ def _mean(rows: Array) -> Array:
     return mean
 
 
-def _record(
-    kind: Literal["composed", "interpolated"], members: Sequence[tuple[Record, Functions]], functions: Functions
-) -> Record:
+def _record(kind: Literal["composed", "interpolated"], members: Sequence[tuple[Record, Functions]]) -> Record:
     """The record of a new object. Its model is those that thetas come from, as one name that a file can carry."""
     ids = tuple(record.id for record, _ in members)
     id_ = composed_id(ids) if kind == "composed" else interpolated_id(ids)
     model = " + ".join(dict.fromkeys(record.model for record, _ in members))[:MAX_LABEL]
-    color_spec = functions.color.spec if functions.color else None
+    color_spec = next((record.color_spec for record, _ in members if record.color_spec), None)
     return Record(id_, kind, model, members[0][0].spec, datetime.now(UTC), ids, color_spec)
 
 

@@ -24,6 +24,7 @@ from sqlalchemy import (
 from sqlalchemy.engine import URL
 from sqlalchemy.engine.interfaces import DBAPIConnection
 from sqlalchemy.exc import ArgumentError, DBAPIError
+from sqlalchemy.exc import TimeoutError as PoolTimeout
 from sqlalchemy.ext.asyncio import AsyncEngine, create_async_engine
 
 from service.errors import UnusableStore
@@ -49,6 +50,7 @@ REMEDIES: Final = {
 FULL_SQLITE: Final = {sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR_WRITE, sqlite3.SQLITE_IOERR_SHMSIZE}
 FULL_SQLSTATE: Final = "53100"
 SQLITE_CONNECTIONS: Final = 4  # each has a thread; of writers one works at a time anyway
+POOL_TIMEOUT_S: Final = 30  # that a call waits for one; as long as a store that is only busy counts as ready
 
 METADATA: Final = MetaData()
 objects: Final = Table(
@@ -131,6 +133,13 @@ def is_full(error: DBAPIError) -> bool:
     )
 
 
+def is_busy(error: DBAPIError | PoolTimeout) -> bool:
+    """Whether it was others who kept the database too long: all its connections, or SQLite's lock for writers."""
+    if isinstance(error, PoolTimeout):
+        return True
+    return getattr(error.orig, "sqlite_errorcode", 0) & 0xFF == sqlite3.SQLITE_BUSY
+
+
 def _parse(url: str) -> URL:
     try:
         return make_url(url)
@@ -150,12 +159,13 @@ def _unusable(url: URL, error: Exception) -> UnusableStore:
 def _engine(url: URL) -> AsyncEngine:
     if url.get_backend_name() != "sqlite":
         is_asyncpg = url.get_driver_name() == "asyncpg"
-        return create_async_engine(url, pool_pre_ping=True, connect_args=ASYNCPG if is_asyncpg else {})
+        connect_args = ASYNCPG if is_asyncpg else {}
+        return create_async_engine(url, pool_pre_ping=True, pool_timeout=POOL_TIMEOUT_S, connect_args=connect_args)
     if url.database and not url.database.startswith("file:"):  # a URI's folder is its own matter
         Path(url.database).parent.mkdir(parents=True, exist_ok=True)
     # Where this fails, aiosqlite would leave a thread behind that fails once more.
     create_engine(url.set(drivername="sqlite")).connect().close()
-    engine = create_async_engine(url, pool_size=SQLITE_CONNECTIONS, max_overflow=0)
+    engine = create_async_engine(url, pool_size=SQLITE_CONNECTIONS, max_overflow=0, pool_timeout=POOL_TIMEOUT_S)
     event.listen(engine.sync_engine, "connect", _configure_sqlite)
     return engine
 

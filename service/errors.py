@@ -15,6 +15,7 @@
     ├── InvalidParameter        422  a parameter out of range, or of the wrong kind
     │   ├── NoObjectFound            nothing to encode in the image
     │   └── InvalidSpec              a mapping spec that describes no function
+    ├── HeadTooLarge            431  a request's target and fields, in bytes
     ├── TryLater                     what may succeed later, and when
     │   ├── Overloaded          429  as much work as is let in is already there
     │   ├── RateLimited         429  more requests than the rate limit
@@ -132,6 +133,13 @@ class InvalidSpec(InvalidParameter):
     """A mapping spec that describes no function."""
 
     title = "Invalid spec"
+
+
+class HeadTooLarge(HofError):
+    """A request's head, its target and fields, of more bytes than the limit."""
+
+    status = 431
+    title = "Head too large"
 
 
 class TryLater(HofError):

@@ -7,6 +7,7 @@ float32 in [0, 1].
 
 import io
 import struct
+import warnings
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -169,6 +170,11 @@ def over_white(rgba: Image.Image) -> npt.NDArray[np.float32]:
     alpha = pixels[..., 3:]
     rgb = pixels[..., :3] * alpha + (1 - alpha)
     return np.ascontiguousarray(rgb.transpose(2, 0, 1)[None])  # (1, 3, size, size)
+
+
+def ignore_remarks() -> None:
+    """Keep Pillow's warnings out of the log, in the whole process: they are about the metadata of clients' files."""
+    warnings.filterwarnings("ignore", module=r"PIL\.")
 
 
 def _opener(data: bytes) -> type[ImageFile.ImageFile]:

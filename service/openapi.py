@@ -5,6 +5,8 @@ from typing import Any, Final
 
 from fastapi import FastAPI
 
+from service.schemas import RETRY_AFTER
+
 SECURITY_SCHEMES: Final = {
     "bearer": {"type": "http", "scheme": "bearer", "description": "An API key, where the service has any"},
     "header": {"type": "apiKey", "in": "header", "name": "X-API-Key", "description": "The same"},
@@ -35,7 +37,8 @@ def _add_refusals(operation: dict[str, Any]) -> None:
     operation["security"] = [{}, *({name: []} for name in SECURITY_SCHEMES)]
     content = {"application/problem+json": {"schema": {"$ref": "#/components/schemas/Problem"}}}
     for status, description in REFUSALS.items():
-        operation["responses"].setdefault(status, {"description": description, "content": content})
+        told = {"description": description, "content": content}
+        operation["responses"].setdefault(status, told | ({"headers": RETRY_AFTER} if status == "429" else {}))
 
 
 def _name_problems(responses: dict[str, Any]) -> None:

@@ -14,12 +14,14 @@ from service.canonical import Sampling, check_range
 from service.color import ColorSampler
 from service.errors import InvalidParameter
 from service.formats import Part, PointFormat
-from service.mapping import Array, Colors, Functions, MappingSpec, word_of
+from service.mapping import HOF_1, Array, Colors, Functions, MappingSpec, word_of
 from service.sampler import CHUNK, SCALES, Sampler
 
 PROBE_POINTS: Final = 4096  # of a new object: that it can be sampled at all
 FIRST_PART: Final = CHUNK // 16  # points; few, so that the first byte comes soon
 PART: Final = CHUNK
+UNIT: Final = 2 * HOF_1.size  # numbers that a point of the default model is multiplied with: its cost is 1
+CHEAP: Final = 16  # costs up to which a cloud may have as many points as the service allows at all
 
 Run = Callable[..., Awaitable[Any]]
 Result = TypeVar("Result")
@@ -92,6 +94,20 @@ def check_finite(spec: MappingSpec, functions: Functions) -> None:
         cloud.points(part)  # the sampler raises
         if functions.color:
             cloud.colors(part)
+
+
+def cost_of(spec: MappingSpec, functions: Functions) -> int:
+    """What a point of an object takes, its colour included, in points of the default model; at least 1."""
+    colors = functions.color.weights.size if functions.color else 0
+    return max(1, (spec.k * spec.size + colors) // UNIT)
+
+
+def check_cost(n: int, cost: int, max_points: int, field: str) -> None:
+    """Refuse more points of a large function than it may take time for, with InvalidParameter."""
+    most = max_points * CHEAP // cost
+    if n > most:
+        detail = f"{field} asks for {n} points, the limit for a function as large as this object's is {most}"
+        raise InvalidParameter(detail, field=field)
 
 
 def check_size(fmt: PointFormat, n: int, max_points: int) -> None:

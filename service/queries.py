@@ -140,7 +140,7 @@ class WeightsQuery(NoQuery):
     format: WeightFormatName = Field(
         default="safetensors",
         description="file format; `safetensors` carries the spec and can be posted to `/objects`; `onnx` is the whole "
-        "function, k included: x (n, input_dim) -> points (n, 3), float32",
+        "function, k included: x (n, input_dim) -> points (n, 3), float32; `json` holds at most 1,000,000 numbers",
     )
 
 

@@ -229,10 +229,11 @@ class Problem(BaseModel):
         return self.detail
 
 
+RETRY_AFTER: Final = {"Retry-After": {"description": "when to try again, seconds", "schema": {"type": "integer"}}}
 OVERLOADED: Final[dict[str, Any]] = {
     "model": Problem,
     "description": "The service has as much work as it lets in",
-    "headers": {"Retry-After": {"description": "when to try again, seconds", "schema": {"type": "integer"}}},
+    "headers": RETRY_AFTER,
 }
 
 

@@ -24,6 +24,7 @@ from uvicorn.supervisors import multiprocess
 
 from service import app, database, logs
 from service.access import keys_of
+from service.heads import bounded_heads
 from service.matting import Matting
 from service.metrics import shared_by_workers
 from service.models import Models
@@ -76,6 +77,7 @@ class Config(uvicorn.Config):
             port=settings.port,
             workers=settings.workers,
             lifespan="on",
+            http=bounded_heads(settings.client_timeout_s),
             ws="none",
             log_config=logs.configuration(settings.log_format, settings.log_level),
             access_log=False,  # service.observing has one

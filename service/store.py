@@ -13,10 +13,11 @@ from typing import Any, Final, Literal
 import numpy as np
 from sqlalchemy import Row, bindparam, select
 from sqlalchemy.exc import DBAPIError, IntegrityError
+from sqlalchemy.exc import TimeoutError as PoolTimeout
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine
 
-from service.database import connect, is_full, objects, uses
-from service.errors import InUse, InvalidParameter, NotFound, StoreFull
+from service.database import connect, is_busy, is_full, objects, uses
+from service.errors import InUse, InvalidParameter, NotFound, Overloaded, StoreFull
 from service.mapping import Array, Color, Functions, MappingSpec, joined
 
 Kind = Literal["encoded", "imported", "composed", "interpolated"]
@@ -48,7 +49,10 @@ class Record:
 
 
 class Store:
-    """The objects behind one connection pool; what a method writes is one short transaction."""
+    """The objects behind one connection pool; what a method writes is one short transaction.
+
+    Any method raises Overloaded where others keep the database for too long.
+    """
 
     def __init__(self, engine: AsyncEngine) -> None:
         self._engine = engine
@@ -64,7 +68,7 @@ class Store:
 
     async def ping(self) -> None:
         """Ask the database for nothing. Raises what SQLAlchemy raises when it does not answer."""
-        async with self._engine.connect() as connection:
+        async with self._connection() as connection:
             await connection.execute(select(1))
 
     async def put(self, record: Record, functions: Functions | None) -> tuple[Record, bool]:
@@ -111,7 +115,7 @@ class Store:
     async def find(self, object_id: str) -> tuple[Record, Functions] | None:
         """The object of that id and its functions; of a composed object those of its word, in order. None where
         there is none."""
-        async with self._engine.connect() as connection:
+        async with self._connection() as connection:
             row = (await connection.execute(ONE, {"of": object_id})).first()
             if row is None:
                 return None
@@ -133,7 +137,7 @@ class Store:
 
     async def records(self, ids: Sequence[str]) -> dict[str, Record]:
         """Those of the objects that are there, by id, without their functions."""
-        async with self._engine.connect() as connection:
+        async with self._connection() as connection:
             rows = await connection.execute(select(*HEADER).where(objects.c.id.in_(ids)))
             return {row.id: _record(row) for row in rows}
 
@@ -149,7 +153,7 @@ class Store:
         query = select(*HEADER).order_by(objects.c.seq.desc()).limit(limit + 1)
         if cursor is not None:
             query = query.where(objects.c.seq < _decode_cursor(cursor))
-        async with self._engine.connect() as connection:
+        async with self._connection() as connection:
             rows = (await connection.execute(query)).all()
         more = len(rows) > limit
         return [_record(row) for row in rows[:limit]], _encode_cursor(rows[limit - 1].seq) if more else None
@@ -175,10 +179,21 @@ class Store:
             raise NotFound("there is no object of this id")
 
     @asynccontextmanager
-    async def _transaction(self) -> AsyncIterator[AsyncConnection]:
-        """What is written in the block is on disk after it, or nothing is. Raises StoreFull."""
+    async def _connection(self) -> AsyncIterator[AsyncConnection]:
+        """One of the pool's, for the block. Raises Overloaded."""
         try:
-            async with self._engine.begin() as connection:
+            async with self._engine.connect() as connection:
+                yield connection
+        except (DBAPIError, PoolTimeout) as error:
+            if is_busy(error):
+                raise Overloaded("the store has more work than it can do") from error
+            raise
+
+    @asynccontextmanager
+    async def _transaction(self) -> AsyncIterator[AsyncConnection]:
+        """What is written in the block is on disk after it, or nothing is. Raises Overloaded and StoreFull."""
+        try:
+            async with self._connection() as connection, connection.begin():
                 yield connection
         except DBAPIError as error:
             if is_full(error):
@@ -193,7 +208,7 @@ class Store:
 
     async def _check_unused(self, object_id: str) -> None:
         query = select(objects.c.id).join(uses, objects.c.id == uses.c.composed_id).order_by(objects.c.seq)
-        async with self._engine.connect() as connection:
+        async with self._connection() as connection:
             found = (await connection.execute(query.where(uses.c.member_id == object_id))).scalars().all()
         if found:
             more = f" and {len(found) - MAX_NAMED} more" if len(found) > MAX_NAMED else ""

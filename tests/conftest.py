@@ -18,6 +18,7 @@ from PIL import Image, ImageDraw
 from postgres import Postgres, running_postgres
 
 from service.app import create_app
+from service.heads import bounded_heads
 from service.settings import Settings
 
 EVERY_DATABASE = pytest.mark.parametrize("database_url", ["sqlite", "postgresql"], indirect=True)
@@ -97,7 +98,9 @@ class Server(uvicorn.Server):
 @contextlib.contextmanager
 def running(settings: Settings) -> Iterator[Server]:
     """The service in a thread, over a real socket, until the block ends."""
-    server = Server(uvicorn.Config(create_app(settings), port=0, log_level="warning", lifespan="on", ws="none"))
+    http = bounded_heads(settings.client_timeout_s)
+    config = uvicorn.Config(create_app(settings), port=0, http=http, log_level="warning", lifespan="on", ws="none")
+    server = Server(config)
     thread = threading.Thread(target=server.run)
     thread.start()
     while not server.started and thread.is_alive():

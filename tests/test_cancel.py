@@ -1,6 +1,8 @@
 """A client that leaves frees its work, and what waits for it never runs."""
 
 import socket
+import time
+from contextlib import suppress
 from pathlib import Path
 
 import httpx
@@ -67,6 +69,22 @@ def test_an_upload_that_stalls_is_ended_and_frees_its_room(settings: Settings) -
         assert b"connection: close" in answer.lower()
         gates = runtime_of(server).gates
         assert (gates.images.held, gates.uploads.held) == (0, 0)
+
+
+def test_an_upload_that_drips_is_ended_and_frees_its_room(settings: Settings) -> None:
+    with running(settings.model_copy(update={"client_timeout_s": 0.5})) as server:
+        gate = runtime_of(server).gates.images
+        with socket.create_connection(("127.0.0.1", server.port), timeout=DEADLINE_S) as connection:
+            connection.sendall(b"POST /encode HTTP/1.1\r\nHost: x\r\nContent-Length: 100000\r\n\r\na")
+            until(lambda: gate.held == 1)
+            deadline = time.monotonic() + DEADLINE_S
+            while gate.held and time.monotonic() < deadline:
+                with suppress(ConnectionError):
+                    connection.sendall(b"a")
+                time.sleep(0.05)
+            answer = connection.recv(65_536)
+        assert answer.startswith(b"HTTP/1.1 408 ")
+        assert b"fewer than 8192 a second" in answer
 
 
 def test_a_stream_that_nobody_takes_is_ended_and_frees_its_room(settings: Settings, photo: bytes) -> None:

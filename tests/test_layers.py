@@ -64,6 +64,7 @@ ALLOWED = {
     "service.logs": {"service.settings"},
     "service.observing": {"service.logs", "service.metrics"},
     "service.headers": set(),
+    "service.heads": {"service.errors", "service.headers", "service.problems"},
     "service.keys": {"service.errors"},
     "service.access": {"service.admission", "service.errors", "service.keys", "service.problems", "service.settings"},
     "service.tracing": set(),

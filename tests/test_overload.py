@@ -2,22 +2,28 @@
 
 import asyncio
 import socket
+import sqlite3
 import struct
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
+from dataclasses import replace
 from pathlib import Path
 
 import httpx
 import pytest
-from conftest import Server, running
+from conftest import Server, check_refused, running
 from slow import DEADLINE_S, PATH, plain, runtime_of, until
 from starlette.requests import ClientDisconnect
+from tiny_model import SPEC
 
 from benchmarks.processes import hof, others, serving, threads
-from service import vital
+from service import database, vital
 from service.admission import Gate
+from service.database import SQLITE_CONNECTIONS
 from service.errors import InvalidModel, InvalidParameter, Overloaded
+from service.formats.weights import Weights, dump
+from service.mapping import HOF_1, initial_theta
 from service.points import FIRST_PART, PART, in_flight
 from service.settings import Settings
 
@@ -118,9 +124,71 @@ def test_points_over_the_bound_are_refused_until_a_stream_ends(slow: Server, qui
     assert len(quick.get(f"{path}?n=100&format=f32").content) == 1200
 
 
+def test_a_large_function_takes_more_of_the_bound_and_gives_fewer_points(settings: Settings) -> None:
+    wide = replace(HOF_1, hidden=(3_000,), k=16)  # 23 times the work of the default model
+    file = dump(Weights(wide, 0.1 * initial_theta(wide), "m"), "safetensors")
+    with (
+        running(settings.model_copy(update={"max_points_in_flight": 1_000_000})) as server,
+        httpx.Client(base_url=f"http://127.0.0.1:{server.port}", timeout=DEADLINE_S) as client,
+    ):
+        gate = runtime_of(server).gates.points
+        path = client.post("/objects", content=file).json()["links"]["points"]
+        small = client.post(PATH, content=plain(255)).json()["links"]["points"]
+        with socket.create_connection(("127.0.0.1", server.port), timeout=DEADLINE_S) as connection:
+            connection.sendall(f"GET {path}?n=6000000 HTTP/1.1\r\nHost: x\r\n\r\n".encode())
+            assert connection.recv(65_536).startswith(b"HTTP/1.1 200 ")  # alone, whatever it takes
+            assert gate.held == 23 * in_flight(6_000_000, settings.threads)
+            assert client.get(f"{small}?n=1").status_code == 429
+        until(lambda: gate.held == 0)
+        assert client.head(f"{small}?n=6956522").status_code == 200
+        check_refused(client.get(f"{path}?n=6956522"), "n", "6956521")
+
+
+def test_a_huge_functions_surface_and_words_are_refused_unless_they_are_few(settings: Settings) -> None:
+    huge = replace(HOF_1, hidden=(28_571,), k=8)  # 111 times the work of the default model
+    files = [dump(Weights(huge, 0.001 * initial_theta(huge, seed), "m"), "safetensors") for seed in range(2)]
+    limits = {"max_weights_bytes": 1_000_000, "max_points": 300_000}
+    with (
+        running(settings.model_copy(update=limits)) as server,
+        httpx.Client(base_url=f"http://127.0.0.1:{server.port}", timeout=DEADLINE_S) as client,
+    ):
+        one, other = (client.post("/objects", content=file).json() for file in files)
+        path = one["links"]["mesh"]
+        check_refused(client.get(f"{path}?resolution=50"), "resolution", "43243")
+        assert client.get(f"{path}?resolution=8").status_code == 200
+        body = {"objects": [one["id"], other["id"]], "mode": "all"}
+        check_refused(client.post("/compose", json=body), "objects", "43243")
+        word = {"objects": [one["id"]] * 4 + [other["id"]] * 4}
+        assert client.post("/compose", json=word).status_code == 201
+
+
 @pytest.mark.parametrize(("n", "expected"), [(1, FIRST_PART), (50_000, 50_000), (10_000_000, 3 * PART)])
 def test_a_stream_counts_for_what_it_has_at_a_time(n: int, expected: int) -> None:
     assert in_flight(n, ahead=2) == expected
+
+
+def test_a_store_that_others_keep_is_429_until_they_let_go(
+    settings: Settings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(database, "POOL_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(database, "BUSY_TIMEOUT_MS", 2_000)
+    files = [dump(Weights(SPEC, initial_theta(SPEC, seed), "m"), "safetensors") for seed in range(SQLITE_CONNECTIONS)]
+    with (
+        running(settings) as server,
+        httpx.Client(base_url=f"http://127.0.0.1:{server.port}", timeout=DEADLINE_S) as client,
+        closing(sqlite3.connect(tmp_path / "store" / "hof.db", isolation_level=None)) as other,
+        ThreadPoolExecutor(len(files)) as pool,
+    ):
+        assert client.get("/objects").json()["items"] == []
+        other.execute("BEGIN IMMEDIATE")  # no other writer comes in
+        writes = [pool.submit(client.post, "/objects", content=file) for file in files]
+        connections = runtime_of(server).store._engine.pool
+        until(lambda: connections.checkedout() == len(files))  # type: ignore[attr-defined]
+        for answer in (client.get("/objects"), *(write.result() for write in writes)):
+            assert (answer.status_code, answer.json()["title"]) == (429, "Overloaded")
+            assert int(answer.headers["retry-after"]) >= 1
+        other.execute("ROLLBACK")
+        assert [client.post("/objects", content=file).status_code for file in files] == [201] * len(files)
 
 
 @pytest.mark.filterwarnings("ignore")  # connections that are reset, in the server's thread

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 from safetensors import numpy as safetensors_numpy
 
-from service.errors import CorruptWeights, InvalidSpec
-from service.formats.weights import MAX_HEADER_BYTES, WEIGHT_FORMATS, Weights, dump, load
+from service.errors import CorruptWeights, InvalidParameter, InvalidSpec
+from service.formats.weights import MAX_HEADER_BYTES, MAX_JSON_NUMBERS, WEIGHT_FORMATS, Weights, dump, load
 from service.mapping import HOF_1, Array, MappingSpec, initial_theta
 
 TINY = MappingSpec("tiny", 3, (2,), 3, k=2)
@@ -81,6 +81,15 @@ def test_json_fields() -> None:
     assert fields.keys() == {"format", "model", "spec", "theta"}
     assert (fields["format"], fields["model"]) == ("hof-theta-1", "hof1-k2")
     assert MappingSpec.from_dict(fields["spec"]) == TINY
+
+
+def test_json_holds_so_many_numbers_only() -> None:
+    spec = MappingSpec("wide", 3, (200,), 3, k=2)
+    wide = Weights(spec, np.zeros((spec.k, spec.size), np.float32), "m")
+    assert len(json.loads(dump(wide, "json"))["theta"]) == 2
+    large = Weights(spec, np.broadcast_to(np.float32(0), (MAX_JSON_NUMBERS // spec.size + 1, spec.size)), "m")
+    with pytest.raises(InvalidParameter, match="at most 1000000"):
+        dump(large, "json")
 
 
 def test_a_composed_objects_file_holds_k_thetas_and_its_word() -> None:

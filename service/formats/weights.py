@@ -18,7 +18,7 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from service.errors import CorruptWeights
+from service.errors import CorruptWeights, InvalidParameter
 from service.formats import onnx
 from service.mapping import Array, Color, Functions, MappingSpec, check_color_spec
 
@@ -27,6 +27,7 @@ WeightFormatName = Literal["safetensors", "npy", "json", "onnx"]
 FORMAT: Final = "hof-theta-1"
 WORD_FORMAT: Final = "hof-word-1"  # of a composed object
 MAX_HEADER_BYTES: Final = 16_384
+MAX_JSON_NUMBERS: Final = 1_000_000  # as text, and before that as objects of Python's, they take much more than 4 bytes
 MAX_LABEL: Final = 200  # characters of a name
 
 Shapes = dict[str, list[int]]  # of tensors, by name
@@ -83,6 +84,10 @@ def dump(weights: Weights, format: WeightFormatName) -> bytes:  # noqa: A002 - t
     `npy` holds theta alone, little-endian float32; `json` has the keys format, model, spec, word (of a composed
     object), theta, and color_spec and color (where there is one), whose numbers give back the same float32;
     `onnx` is the whole function, x -> points, without colour.
+
+    Raises
+    ------
+    InvalidParameter : more numbers than JSON is written of.
     """
     match format:
         case "safetensors":
@@ -92,6 +97,10 @@ def dump(weights: Weights, format: WeightFormatName) -> bytes:  # noqa: A002 - t
             np.save(buffer, weights.theta.astype("<f4", copy=False), allow_pickle=False)
             return buffer.getvalue()
         case "json":
+            count = weights.theta.size + (weights.color.weights.size if weights.color else 0)
+            if count > MAX_JSON_NUMBERS:
+                detail = f"these are {count} numbers, JSON holds at most {MAX_JSON_NUMBERS}: take safetensors"
+                raise InvalidParameter(detail, field="format")
             fields: dict[str, Any] = {**weights.labels, "spec": asdict(weights.spec), "theta": weights.theta.tolist()}
             if weights.word:
                 fields["word"] = weights.word

@@ -14,7 +14,7 @@ from service.composition import Proposal, check_values, propose
 from service.errors import InvalidInput, NotFound
 from service.ids import is_id
 from service.mapping import Functions
-from service.points import PROBE_POINTS
+from service.points import PROBE_POINTS, check_cost, cost_of
 from service.queries import Composition, NoQuery
 from service.runtime import Ready, Runtime
 from service.schemas import OVERLOADED, ComposedObjects, Problem, StoredObject
@@ -61,9 +61,10 @@ async def compose(
     """
     asked = await _read(request)
     members = await _members(runtime, asked.objects)
-    with runtime.gates.points.admit(PROBE_POINTS * len(members)):
+    cost = max(cost_of(record.spec, functions) for record, functions in members)
+    with runtime.gates.points.admit(PROBE_POINTS * len(members) * cost):
         proposals = await while_there(request, runtime.run(propose, members, asked.mode))
-        records, any_new = await _keep(request, runtime, proposals)
+    records, any_new = await _keep(request, runtime, proposals, cost)
     if any_new:
         response.status_code = 201
     shown = [StoredObject.of(record) for record in records]
@@ -97,11 +98,17 @@ async def _members(runtime: Runtime, ids: Sequence[str]) -> list[tuple[Record, F
     return members
 
 
-async def _keep(request: Request, runtime: Runtime, proposals: Sequence[Proposal]) -> tuple[list[Record], bool]:
-    """The objects as they are kept, and whether any is new. What cannot be sampled is refused before any is kept."""
+async def _keep(
+    request: Request, runtime: Runtime, proposals: Sequence[Proposal], cost: int
+) -> tuple[list[Record], bool]:
+    """The objects as they are kept, and whether any is new. What cannot be sampled is refused before any is kept;
+    a point of each takes as much as `cost` of the default model's."""
     kept = await runtime.store.records([proposal.record.id for proposal in proposals])
     fresh = [proposal for proposal in proposals if proposal.record.id not in kept]
     if not fresh:
         return [kept[proposal.record.id] for proposal in proposals], False
-    await while_there(request, runtime.run(check_values, fresh))
+    n = PROBE_POINTS * len(fresh)
+    check_cost(n, cost, runtime.settings.max_points, "objects")
+    with runtime.gates.points.admit(n * cost):
+        await while_there(request, runtime.run(check_values, fresh))
     return await runtime.store.put_all([(proposal.record, proposal.own) for proposal in proposals])

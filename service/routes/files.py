@@ -13,6 +13,7 @@ from service.schemas import OVERLOADED, Problem
 Responses = dict[int | str, dict[str, Any]]
 
 BINARY: Final = {"schema": {"type": "string", "format": "binary"}}
+JSON: Final = {"schema": {"type": "object"}}
 MISSING: Final[Responses] = {404: {"model": Problem, "description": "No object of that id"}}
 NOT_ACCEPTABLE: Final[Responses] = {406: {"model": Problem, "description": "No format satisfies `Accept`"}}
 
@@ -29,7 +30,7 @@ def file_responses(description: str, formats: Iterable[_Format]) -> Responses:
         "ETag": {"description": "weak: of the object, the parameters and the version", "schema": {"type": "string"}},
         "Cache-Control": {"description": "an object never changes", "schema": {"type": "string"}},
     }
-    content = {fmt.media_type: BINARY for fmt in formats}
+    content = {fmt.media_type: JSON if fmt.media_type.endswith("json") else BINARY for fmt in formats}
     return {
         **MISSING,
         304: {"description": "`If-None-Match` names this very answer"},

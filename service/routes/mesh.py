@@ -11,6 +11,7 @@ from service.clients import while_there
 from service.formats import negotiate
 from service.formats.mesh import MESH_FORMATS, MeshFormat
 from service.mapping import Functions, MappingSpec
+from service.points import check_cost, cost_of
 from service.queries import MeshQuery
 from service.routes.files import NOT_ACCEPTABLE, ObjectId, attachment, cached, file_responses
 from service.runtime import Ready
@@ -33,13 +34,15 @@ async def mesh(request: Request, id_: ObjectId, query: Annotated[MeshQuery, Quer
     accept = request.headers.get("accept")
     fmt = MESH_FORMATS[query.format] if query.format else negotiate(accept, MESH_FORMATS.values())
     record, functions = await runtime.store.get(id_)
+    n, cost = 20 * query.resolution**2, cost_of(record.spec, functions)
+    check_cost(n, cost, runtime.settings.max_points, "resolution")
     headers = cached(etag(id_, "mesh", fmt.name, query.model_dump(exclude={"format"}))) | {"Vary": "Accept"}
     if is_fresh(request.headers.get("if-none-match"), headers["ETag"]):
         return Response(status_code=304, headers=headers)
     headers |= attachment(id_, fmt.extension)
     if "hof.head" in request.scope:
         return Response(headers=headers, media_type=fmt.media_type)
-    with runtime.gates.points.admit(20 * query.resolution**2):
+    with runtime.gates.points.admit(n * cost):
         data = await while_there(request, runtime.run(_file, fmt, record.spec, functions, query))
     return Response(data, headers=headers, media_type=fmt.media_type)
 

@@ -13,7 +13,16 @@ from service.errors import InvalidParameter
 from service.formats import POINT_FORMATS, negotiate
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
 from service.ids import imported_id
-from service.points import PROBE_POINTS, check_finite, check_size, gzipped, in_flight, stream
+from service.points import (
+    PROBE_POINTS,
+    check_cost,
+    check_finite,
+    check_size,
+    cost_of,
+    gzipped,
+    in_flight,
+    stream,
+)
 from service.queries import NoQuery, PageQuery, PointsQuery, WeightsQuery
 from service.routes.files import BINARY, MISSING, NOT_ACCEPTABLE, ObjectId, attachment, cached, file_responses
 from service.runtime import Ready
@@ -59,11 +68,13 @@ async def import_object(
 
     The file of a composed object is refused: an object is one function. Post those of its word, and compose them.
     """
-    max_bytes = runtime.settings.max_weights_bytes
-    with runtime.gates.points.admit(PROBE_POINTS), runtime.gates.uploads.admit(size_ahead(request, max_bytes)):
-        body = await read_body(request, max_bytes)
-        weights = await while_there(request, runtime.run(_finite_weights, body))
-        record, created = await runtime.store.put(_imported(weights), weights.functions)
+    gates, max_bytes = runtime.gates, runtime.settings.max_weights_bytes
+    with gates.uploads.admit(size_ahead(request, max_bytes)):
+        weights = await while_there(request, runtime.run(_one_function, await read_body(request, max_bytes)))
+        spec, functions = weights.spec, weights.functions
+        with gates.points.admit(PROBE_POINTS * cost_of(spec, functions)):
+            await while_there(request, runtime.run(check_finite, spec, functions))
+        record, created = await runtime.store.put(_imported(weights), functions)
     if created:
         response.status_code = 201
         response.headers["Location"] = f"/objects/{record.id}"
@@ -107,6 +118,8 @@ async def points(request: Request, id_: ObjectId, query: Annotated[PointsQuery, 
     check_size(fmt, query.n, runtime.settings.max_points)
     record, functions = await runtime.store.get(id_)
     cloud = query.cloud(record.spec, functions)
+    cost = cost_of(record.spec, cloud.functions)
+    check_cost(query.n, cost, runtime.settings.max_points, "n")
     fmt = fmt.holding(color=cloud.functions.color is not None)
     squeezed = fmt.is_text and accepts_gzip(request.headers.get("accept-encoding"))
     tag = etag(id_, fmt.name, query.model_dump(exclude={"format"}), squeezed)
@@ -125,7 +138,8 @@ async def points(request: Request, id_: ObjectId, query: Annotated[PointsQuery, 
     pieces = stream(fmt, cloud, runtime.run, ahead)
     if squeezed:
         pieces = gzipped(pieces, runtime.run)
-    return AdmittedStream(pieces, runtime.gates.points, in_flight(query.n, ahead), headers, fmt.media_type)
+    amount = cost * in_flight(query.n, ahead)
+    return AdmittedStream(pieces, runtime.gates.points, amount, headers, fmt.media_type)
 
 
 @router.get(
@@ -145,18 +159,17 @@ async def weights(request: Request, id_: ObjectId, query: Annotated[WeightsQuery
         return Response(status_code=304, headers=headers)
     word = record.members if record.kind == "composed" else ()
     kept = Weights(record.spec, functions.theta, record.model, word, functions.color)
-    with runtime.gates.points.admit(PROBE_POINTS):
+    with runtime.gates.points.admit(PROBE_POINTS * cost_of(record.spec, functions)):
         data = await while_there(request, runtime.run(dump, kept, query.format))
     fmt = WEIGHT_FORMATS[query.format]
     return Response(data, headers=headers | attachment(id_, fmt.extension), media_type=fmt.media_type)
 
 
-def _finite_weights(body: bytes) -> Weights:
-    """The weights of one function's file. Raises CorruptWeights, also where f^k leaves the range of float32."""
+def _one_function(body: bytes) -> Weights:
+    """The weights of one function's file. Raises CorruptWeights, InvalidSpec or InvalidParameter."""
     weights = load(body)
     if weights.word:
         raise InvalidParameter("this file is a composed object's: post the files of its word, and compose them")
-    check_finite(weights.spec, weights.functions)
     return weights
 
 

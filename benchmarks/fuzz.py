@@ -1,0 +1,109 @@
+"""Damaged images at a real server: every one is answered, none by a fault. `python -m benchmarks.fuzz --count 10000`.
+
+What failed is told by its number: `benchmarks.mutations.mutant(number)` makes it again.
+"""
+
+import argparse
+import asyncio
+import io
+import sys
+import time
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import aiohttp
+
+from benchmarks.generator import LOST, session
+from benchmarks.mutations import mutant
+from benchmarks.processes import hof, serving, status_bytes
+from benchmarks.report import Asked, asked_table
+
+CLIENTS: Final = 8
+WARM_UP: Final = 0.2  # of the images: from then on memory is compared
+QUERIES: Final = ("", "?background=keep", "?store=false", "?foreground_ratio=0.1")
+MIB: Final = 2**20
+
+
+@dataclass
+class Found:
+    """What came of the images, by status and problem, and the numbers of those that were not answered as they should.
+
+    memory : resident bytes of the server after the warm-up and at the end.
+    """
+
+    answers: Counter[tuple[int, str]] = field(default_factory=Counter)
+    failed: list[int] = field(default_factory=list)
+    memory: list[int] = field(default_factory=list)
+    is_live: bool = False
+
+
+def fuzz(asked: list[Asked], core: int, count: int) -> str:
+    """Send so many damaged images and count the answers."""
+    start = time.perf_counter()
+    with serving(hof(threads=1), {core}) as (url, pid):
+        found = asyncio.run(_drive(url, pid, count))
+    took_s = time.perf_counter() - start
+    growth = found.memory[-1] / found.memory[0] - 1
+    asked += [
+        Asked("fuzz: answers of 5xx, or none", len(found.failed), 0, at_most=True),
+        Asked("fuzz: the server lives at the end", found.is_live, 1),
+        Asked("fuzz: growth of resident memory, %", 100 * growth, 10, at_most=True),
+    ]
+    rows = "\n".join(f"| {status} | {kind} | {number:,} |" for (status, kind), number in sorted(found.answers.items()))
+    told = f"\n\nFailed, by number: {', '.join(map(str, found.failed[:100]))}." if found.failed else ""
+    return (
+        f"## Fuzzing: POST /encode, {count:,} damaged images, {CLIENTS} clients, {took_s:.0f} s\n\n"
+        "PNG, JPEG and WebP of every sort, with bits flipped, bytes lost, chunks out of place, lengths that lie, "
+        f"or two files joined.\n\n| status | problem | images |\n|---|---|---|\n{rows}\n\n"
+        f"Resident memory: {found.memory[0] / MIB:.1f} MiB after the first {WARM_UP:.0%}, {found.memory[-1] / MIB:.1f} "
+        f"MiB at the end.{told}"
+    )
+
+
+async def _drive(url: str, pid: int, count: int) -> Found:
+    found = Found()
+    numbers = iter(range(count))
+
+    async def one(client: aiohttp.ClientSession) -> None:
+        for number in numbers:
+            if number == int(WARM_UP * count):
+                found.memory.append(status_bytes(pid, "VmRSS"))
+            status, kind = await _send(client, url, number)
+            found.answers[status, kind] += 1
+            if status == LOST or status >= 500:
+                found.failed.append(number)
+
+    async with session() as client:
+        await asyncio.gather(*(one(client) for _ in range(CLIENTS)))
+        found.memory.append(status_bytes(pid, "VmRSS"))
+        async with client.get(f"{url}/health/live") as answer:
+            found.is_live = answer.status == 200
+    return found
+
+
+async def _send(client: aiohttp.ClientSession, url: str, number: int) -> tuple[int, str]:
+    """The status of the answer, LOST without one, and the title of its problem; every eighth image goes as a form."""
+    image, path = mutant(number), f"{url}/encode{QUERIES[number % len(QUERIES)]}"
+    data = aiohttp.FormData({"image": io.BytesIO(image)}) if number % 8 == 0 else image
+    try:
+        async with client.post(path, data=data) as answer:
+            told = await answer.json(content_type=None)
+            return answer.status, told.get("title", "")
+    except (aiohttp.ClientError, TimeoutError, ValueError):
+        return LOST, ""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Fuzz and print; 1 where an image was not answered as it should."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--count", type=int, default=10_000, help="images; default: 10,000")
+    asked: list[Asked] = []
+    section = fuzz(asked, 0, parser.parse_args(argv).count)
+    print(section, asked_table(asked), sep="\n\n")
+    return 0 if all(item.met for item in asked) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
