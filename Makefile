@@ -9,7 +9,7 @@ GLTF := tests/gltf/node_modules/.package-lock.json
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo serve test lint bench load results openapi clean
+.PHONY: help demo serve test lint bench load soak results openapi clean
 
 demo serve: export U2NET_HOME ?= $(dir $(MATTING))
 
@@ -33,8 +33,11 @@ lint: .venv/dev.stamp ## ruff and mypy
 bench: .venv/bench.stamp ## measure sampler, decoders and service on an idle machine; writes benchmarks/RESULTS.md
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.run
 
-load: .venv/peers/stamp ## overload, peers, damaged images and a soak, on an idle machine of two cores; writes benchmarks/LOAD.md
-	$(BIN)/python -m benchmarks.load --soak --peers .venv/peers
+load: .venv/peers/stamp ## overload, peers, kills, damaged images, on two idle cores; writes benchmarks/LOAD.md
+	$(BIN)/python -m benchmarks.load --peers .venv/peers
+
+soak: .venv/dev.stamp ## 200,000 mixed requests; writes benchmarks/SOAK.md
+	$(BIN)/python -m benchmarks.soak
 
 results: .venv/bench.stamp .venv/system.stamp ## build the data set, evaluate the shipped models: RESULTS.md
 	$(BIN)/hof-model data build

@@ -1,7 +1,6 @@
 """`make load`: the service under load, beside others, killed, and sent damaged images; writes benchmarks/LOAD.md.
 
-The server has one core and one thread of each kind; the load comes from another core. The first quarter of an hour
-needs a machine that does nothing else; `--soak` adds 200,000 mixed requests, which do not.
+The server has one core and one thread of each kind; the load comes from another core. About twenty minutes.
 """
 
 import argparse
@@ -23,7 +22,6 @@ from benchmarks.kills import faults
 from benchmarks.photos import photos
 from benchmarks.processes import cpu_s, hof, others, pin_to, serving, status_bytes, threads
 from benchmarks.report import Asked, asked_table
-from benchmarks.soak import soak
 from benchmarks.timing import in_turn
 from model.provenance import provenance
 from service.batcher import MAX_BATCH, Batcher
@@ -41,7 +39,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Measure and write. `--quick` is for trying the program, not for figures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="seconds in place of minutes")
-    parser.add_argument("--soak", action="store_true", help="200,000 mixed requests too")
     parser.add_argument("--peers", type=Path, help="environment with LitServe and BentoML; default: without them")
     parser.add_argument("-o", "--output", type=Path, default=FOLDER)
     arguments = parser.parse_args(argv)
@@ -53,8 +50,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     sections.append(compare(asked, SERVER_CORE, 1 if quick else 3, 0.5 if quick else 5, arguments.peers))
     sections.append(faults(asked, *((2, 1) if quick else (100, 10))))
     sections.append(fuzz(asked, SERVER_CORE, 200 if quick else 10_000))
-    if arguments.soak or quick:
-        sections.append(soak(asked, SERVER_CORE, 200 if quick else 200_000))
     page = (
         f"# Under load\n\nWritten by `make load`. {made['machine']}; {made['date']}, commit {made['commit']}. The "
         "server has one core and `--threads 1`, the load comes from another, over loopback. Photos are JPEGs of "

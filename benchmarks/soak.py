@@ -1,9 +1,15 @@
-"""The soak: mixed requests in their hundred thousands, and whether memory grows with them."""
+"""`make soak`: 200,000 mixed requests, and whether memory grows with them; writes benchmarks/SOAK.md.
 
+About half an hour. Other work beside it slows it down and changes nothing else.
+"""
+
+import argparse
 import asyncio
 import random
 import time
 from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Final
 
 import aiohttp
@@ -11,9 +17,11 @@ import numpy as np
 
 from benchmarks.generator import session
 from benchmarks.photos import photos
-from benchmarks.processes import hof, serving, status_bytes
-from benchmarks.report import Asked
+from benchmarks.processes import hof, others, pin_to, serving, status_bytes
+from benchmarks.report import Asked, asked_table
+from model.provenance import provenance
 
+SERVER_CORE: Final = 0
 CLIENTS: Final = 8
 SAMPLES: Final = 400  # of resident memory
 WARM_UP: Final = 0.3  # of the requests: the allocators have seen every size by then
@@ -23,25 +31,36 @@ NO_ANSWER: Final = 599  # counts as 5xx
 MIB: Final = 2**20
 
 
-def soak(asked: list[Asked], core: int, requests: int) -> str:
+def main(argv: Sequence[str] | None = None) -> int:
     """Send so many requests of every kind and fit a line to the server's resident memory."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--requests", type=int, default=200_000)
+    parser.add_argument("-o", "--output", type=Path, default=Path(__file__).resolve().parent)
+    arguments = parser.parse_args(argv)
+    requests: int = arguments.requests
+    made = provenance(0)
+    pin_to(others(SERVER_CORE))
     start = time.perf_counter()
-    with serving(hof(threads=1), {core}) as (url, pid):
+    with serving(hof(threads=1), {SERVER_CORE}) as (url, pid):
         memory, statuses = asyncio.run(_drive(url, pid, requests))
     took = time.perf_counter() - start
     slope, error = _slope(memory[int(WARM_UP * len(memory)) :], int((1 - WARM_UP) * requests))
-    failed = sum(count for status, count in statuses.items() if status >= 500)
-    asked += [
-        Asked("soak: slope of resident memory over its standard error", slope / error, 2, at_most=True),
-        Asked("soak: answers of 5xx", failed, 0, at_most=True),
+    asked = [
+        Asked("slope of resident memory over its standard error", slope / error, 2, at_most=True),
+        Asked("answers of 5xx", sum(count for status, count in statuses.items() if status >= 500), 0, at_most=True),
     ]
     told = ", ".join(f"{status or 'left'}: {count:,}" for status, count in sorted(statuses.items()))
-    return (
-        f"## Soak: {requests:,} mixed requests, {CLIENTS} clients, {took:.0f} s\n\n"
+    page = (
+        f"# Soak: {requests:,} mixed requests, {CLIENTS} clients, {took:.0f} s\n\nWritten by `make soak`. "
+        f"{made['machine']}; {made['date']}, commit {made['commit']}. The server has one core and `--threads 1`.\n\n"
+        f"{asked_table(asked)}\n\n"
         "New photos, repeats, points in four formats, weights, lists, bad bodies, unknown ids, clients that leave. "
         f"Answers by status: {told}.\n\nResident memory after the first {WARM_UP:.0%}: {memory[-1] / MIB:.1f} "
-        f"MiB at the end, {slope / MIB:+.2f} MiB per 100,000 requests, standard error {error / MIB:.2f}."
+        f"MiB at the end, {slope / MIB:+.2f} MiB per 100,000 requests, standard error {error / MIB:.2f}.\n"
     )
+    (arguments.output / "SOAK.md").write_text(page, encoding="utf-8")
+    print(page)
+    return 0
 
 
 def _slope(memory: list[int], requests: int) -> tuple[float, float]:
@@ -131,3 +150,7 @@ class Visitor:
                 return await self._send(client, "GET", f"{object_path}/points?n=1000000")
         except TimeoutError:
             return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
