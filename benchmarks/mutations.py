@@ -26,7 +26,11 @@ Mutation = Callable[[random.Random, bytes], bytes]
 
 def mutant(number: int) -> bytes:
     """The damaged image of a number."""
-    dice = random.Random(number)  # noqa: S311
+    return mutated(random.Random(number))  # noqa: S311
+
+
+def mutated(dice: random.Random) -> bytes:
+    """A damaged image by dice."""
     data = dice.choice(seeds())
     for _ in range(dice.randint(1, 3)):
         data = dice.choice(MUTATIONS)(dice, data)
