@@ -4,6 +4,7 @@ A body's bytes and times are bounded where it is read (`service.uploads`, `servi
 """
 
 import asyncio
+import logging
 from functools import partial
 from typing import Any, Final, cast
 
@@ -13,6 +14,8 @@ from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol
 from service.errors import HeadTooLarge, HofError, InvalidInput, Stalled
 from service.headers import SECURE
 from service.problems import respond
+
+logger: Final = logging.getLogger("hof.access")
 
 MAX_HEAD_BYTES: Final = 65_536  # of a request's target and of its fields
 PUNCTUATION: Final = 4  # bytes of a field beside its name and value: a colon, a space, the line's end
@@ -113,15 +116,17 @@ class BoundedHeads(HttpToolsProtocol):
             self.transport.close()
 
     def _refuse(self, error: HofError) -> None:
-        """Answer, unless that would break into another answer, and hang up."""
+        """Answer, unless that would break into another answer, and hang up. The log is told; no route is."""
+        fields = {"status": error.status, "client": self.client[0] if self.client else None}
+        logger.info("no request: %d %s", error.status, error.title, extra={"fields": fields})
         cycle = self.cycle
         is_within = cycle is not None and not cycle.response_complete  # a request of which a part has come
         if not is_within or (cycle.more_body and not cycle.response_started and not self.pipeline):
             answer = respond(error)
             headers = MutableHeaders(raw=[*self.server_state.default_headers, *answer.raw_headers])
             headers.update({**SECURE, "Connection": "close"})
-            fields = b"".join(b"%b: %b\r\n" % field for field in headers.raw)
-            self.transport.write(STATUS_LINE[error.status] + fields + b"\r\n" + bytes(answer.body))
+            lines = b"".join(b"%b: %b\r\n" % field for field in headers.raw)
+            self.transport.write(STATUS_LINE[error.status] + lines + b"\r\n" + bytes(answer.body))
         if is_within:
             cycle.disconnected = True  # so that the call says nothing more, and ends
             cycle.message_event.set()

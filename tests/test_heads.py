@@ -153,3 +153,5 @@ def test_hof_serve_bounds_heads_too(model_path: Path, tmp_path: Path) -> None:
         ) as connection:
             connection.sendall(LINE)
             check_problem(rest(connection), 408, "Stalled")
+    told = [json.loads(line) for line in (tmp_path / "log").read_text().splitlines() if "no request" in line]
+    assert [(line["status"], line["client"]) for line in told] == [(431, "127.0.0.1"), (408, "127.0.0.1")]
