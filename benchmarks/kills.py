@@ -28,6 +28,7 @@ SPEC: Final = MappingSpec("small", 3, (64,), 3, k=2)
 WRITERS: Final = 4
 MOST_WRITES: Final = 100  # before a kill
 DRAIN_S: Final = 1.0
+DEADLINE_S: Final = 120.0
 
 
 @dataclass
@@ -113,8 +114,13 @@ def _writing(url: str, ledger: Ledger) -> Iterator[None]:
 
 
 def _wait_for(ledger: Ledger, count: int) -> None:
-    """Until so many objects are acknowledged."""
+    """Until so many objects are acknowledged. Raises TimeoutError where they never are."""
+    deadline = time.monotonic() + DEADLINE_S
     while len(ledger.thetas) < count:
+        if time.monotonic() > deadline:
+            raise TimeoutError(
+                f"{len(ledger.thetas)} of {count} objects are acknowledged; broken: {ledger.broken[-3:]}"
+            )
         time.sleep(0.001)
 
 

@@ -35,6 +35,8 @@ async def while_there(request: Request, work: Coroutine[Any, Any, R]) -> R:
     finally:
         task.cancel()
         gone.cancel()
+        if not task.done():
+            await asyncio.wait((task,))  # a worker thread that has begun: what it takes stays counted until it ends
 
 
 async def _departure(receive: Receive) -> None:

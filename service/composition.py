@@ -80,25 +80,25 @@ def check(members: Sequence[Member], mode: Mode) -> None:
         raise InvalidParameter(f"all would make 2^{k} words, at most {MAX_WORDS}", field="mode")
 
 
+def check_stored(records: Sequence[Record], mode: Mode) -> None:
+    """As `check`, of stored objects in the order of the request; two objects of `all` may not be one."""
+    kinds = ((record.spec, record.kind == "composed", record.color_spec) for record in records)
+    check([Member(f"objects[{index}]", *kind) for index, kind in enumerate(kinds)], mode)
+    if mode == "all" and records[0].id == records[1].id:
+        raise InvalidParameter("objects[1] is objects[0]: all words are those of two objects", field="objects[1]")
+
+
 def propose(found: Sequence[tuple[Record, Functions]], mode: Mode) -> list[Proposal]:
     """The objects that a request for stored objects asks for; `all` orders them AA, AB, BA, BB.
 
     Parameters
     ----------
-    found : the objects as named, at least one, each with its functions.
-
-    Raises
-    ------
-    InvalidParameter : as `check`; two objects of `all` that are one.
+    found : the objects as named, each with its functions; `check_stored` has seen them.
     """
-    kinds = ((record.spec, record.kind == "composed", record.color_spec) for record, _ in found)
-    check([Member(f"objects[{index}]", *kind) for index, kind in enumerate(kinds)], mode)
     if mode == "interpolate":
         return [_interpolated(found)]
     if mode == "compose":
         return [_composed(found)]
-    if found[0][0].id == found[1][0].id:
-        raise InvalidParameter("objects[1] is objects[0]: all words are those of two objects", field="objects[1]")
     return [_composed(word) for word in itertools.product(found, repeat=found[0][0].spec.k)]
 
 

@@ -28,7 +28,11 @@ def bounded_heads(seconds: float) -> type[asyncio.Protocol]:
 
 class BoundedHeads(HttpToolsProtocol):
     """One connection. A head that is too large is a 431, one that does not end in time a 408, what is no HTTP a 400;
-    each is a problem and the connection's end. A client that connects and says nothing is closed without a word."""
+    each is a problem and the connection's end. A client that connects and says nothing is closed without a word.
+
+    One request at a time: what comes before the answer has ended is dropped, and the connection ends with that
+    answer (RFC 9112, 9.3.2: its client asks again). So no queue grows, and a client that leaves is always noticed.
+    """
 
     def __init__(self, *args: Any, seconds: float, **options: Any) -> None:  # noqa: ANN401 - as uvicorn calls it
         super().__init__(*args, **options)
@@ -36,6 +40,8 @@ class BoundedHeads(HttpToolsProtocol):
         self._clock: asyncio.TimerHandle | None = None  # runs until the head has ended
         self._begun = False  # whether the clock's head has a first byte
         self._head_bytes = 0  # of this request; trailers count, too
+        self._deaf = False  # what comes is dropped: the connection is about to end
+        self._lingers_until: float | None = None  # the loop's time at which an answered connection ends
         self._held_bytes = 0  # received, and of no target, field or body so far: httptools collects a field
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
@@ -50,21 +56,27 @@ class BoundedHeads(HttpToolsProtocol):
 
     def data_received(self, data: bytes) -> None:
         """Read on, unless this is one field without an end."""
+        if self._deaf:
+            return
         self._held_bytes += len(data)
         super().data_received(data)
-        if self.transport.is_closing():
+        if self._deaf or self.transport.is_closing():
             return
         if self._held_bytes > MAX_HEAD_BYTES:
             self._refuse(_too_large())
         elif self._clock is None and self.cycle is not None and self.cycle.response_complete:
             # The rest of a body that nobody reads, blank lines: uvicorn would not wait for their end, but for ever.
-            self.timeout_keep_alive_task = self.loop.call_later(
-                self.timeout_keep_alive, self.timeout_keep_alive_handler
-            )
+            self._lingers_until = self._lingers_until or self.loop.time() + self.timeout_keep_alive
+            self.timeout_keep_alive_task = self.loop.call_at(self._lingers_until, self.timeout_keep_alive_handler)
 
     def on_message_begin(self) -> None:
-        """The first byte of a head."""
+        """The first byte of a head. Raises InvalidInput, which ends the parsing, where the last call still runs."""
+        if self.cycle is not None and not self.cycle.response_complete:
+            self.cycle.keep_alive = False
+            self._deaf = True
+            raise InvalidInput("one request at a time")
         super().on_message_begin()
+        self._lingers_until = None
         self._head_bytes = self._held_bytes = 0
         self._begun = True
         if self._clock is None:
@@ -92,7 +104,8 @@ class BoundedHeads(HttpToolsProtocol):
 
     def send_400_response(self, msg: str) -> None:
         """What the parser refuses, or we within it."""
-        self._refuse(_too_large() if self._head_bytes > MAX_HEAD_BYTES else InvalidInput("this is no HTTP request"))
+        if not self._deaf:
+            self._refuse(_too_large() if self._head_bytes > MAX_HEAD_BYTES else InvalidInput("this is no HTTP request"))
 
     def _count(self, size: int) -> None:
         self._held_bytes = 0
@@ -121,7 +134,7 @@ class BoundedHeads(HttpToolsProtocol):
         logger.info("no request: %d %s", error.status, error.title, extra={"fields": fields})
         cycle = self.cycle
         is_within = cycle is not None and not cycle.response_complete  # a request of which a part has come
-        if not is_within or (cycle.more_body and not cycle.response_started and not self.pipeline):
+        if not is_within or (cycle.more_body and not cycle.response_started):
             answer = respond(error)
             headers = MutableHeaders(raw=[*self.server_state.default_headers, *answer.raw_headers])
             headers.update({**SECURE, "Connection": "close"})

@@ -96,9 +96,10 @@ def check_finite(spec: MappingSpec, functions: Functions) -> None:
             cloud.colors(part)
 
 
-def cost_of(spec: MappingSpec, functions: Functions) -> int:
-    """What a point of an object takes, its colour included, in points of the default model; at least 1."""
-    colors = functions.color.weights.size if functions.color else 0
+def cost_of(spec: MappingSpec, *functions: Functions) -> int:
+    """What a point of an object takes, the colours of all its functions included, in points of the default model; at
+    least 1."""
+    colors = sum(each.color.weights.size for each in functions if each.color)
     return max(1, (spec.k * spec.size + colors) // UNIT)
 
 

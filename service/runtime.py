@@ -62,10 +62,19 @@ class Runtime:
         return Vital(lambda: batcher.encode(blank), lambda: batcher.answered_at)
 
     async def run(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
-        """Call a function that computes on a worker thread, off the event loop."""
-        loop = asyncio.get_running_loop()
-        timed = self.metrics.timed(function)
-        return await loop.run_in_executor(self.executor, lambda: timed(*args, **kwargs))
+        """Call a function that computes on a worker thread, off the event loop.
+
+        Cancelled before a thread takes it, it never runs; after that, the cancellation waits for its end.
+        """
+        job = self.executor.submit(self.metrics.timed(function), *args, **kwargs)
+        ended = asyncio.wrap_future(job)
+        try:
+            return await asyncio.shield(ended)
+        except asyncio.CancelledError:
+            if not job.cancel():
+                await asyncio.wait((ended,))
+                ended.exception()  # nobody else will ask for it
+            raise
 
 
 async def runtime(request: Request) -> Runtime:  # async: FastAPI would call it on a thread otherwise

@@ -135,6 +135,13 @@ class Store:
             raise NotFound("there is no object of this id")
         return found
 
+    async def record(self, object_id: str) -> Record:
+        """The object of that id, without its functions. Raises NotFound."""
+        found = await self.records([object_id])
+        if object_id not in found:
+            raise NotFound("there is no object of this id")
+        return found[object_id]
+
     async def records(self, ids: Sequence[str]) -> dict[str, Record]:
         """Those of the objects that are there, by id, without their functions."""
         async with self._connection() as connection:

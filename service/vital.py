@@ -24,16 +24,23 @@ class Vital:
         self._answered_at = answered_at
         self._pinging: asyncio.Task[object] | None = None
         self._asked_at = 0.0
+        self._failed = False  # the last ping that ended
 
     async def works(self) -> bool:
-        """Whether it answers, told within PATIENCE_S. A part that is only busy is given SILENCE_S."""
+        """Whether it answers, told within PATIENCE_S. A part that is only busy is given SILENCE_S, unless it
+        failed the last time."""
         if time.monotonic() - self._answered_at() < FRESH_S:
             return True
         if self._pinging is None or self._pinging.done():
+            self._failed = self._pinging is not None and not _is_well(self._pinging)
             self._pinging = asyncio.create_task(self._ping())
             self._asked_at = time.monotonic()
         ping = self._pinging
         await asyncio.wait((ping,), timeout=PATIENCE_S)
         if ping.done():
-            return not ping.cancelled() and ping.exception() is None
-        return time.monotonic() - self._asked_at < SILENCE_S
+            return _is_well(ping)
+        return not self._failed and time.monotonic() - self._asked_at < SILENCE_S
+
+
+def _is_well(ping: asyncio.Task[object]) -> bool:
+    return not ping.cancelled() and ping.exception() is None

@@ -1,6 +1,8 @@
 """A client that leaves frees its work, and what waits for it never runs."""
 
+import asyncio
 import socket
+import threading
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -58,6 +60,38 @@ def test_a_client_that_leaves_a_running_image_makes_room_and_stores_nothing(
             while piece := lister.recv(65_536):
                 received += piece
         assert received.count(b'"kind"') == 1
+
+
+def test_a_thread_that_has_begun_is_waited_for_and_what_it_takes_stays_counted(settings: Settings) -> None:
+    began, may_end = threading.Event(), threading.Event()
+    ran: list[str] = []
+
+    def long(name: str) -> None:
+        ran.append(name)
+        began.set()
+        may_end.wait(DEADLINE_S)
+
+    with running(settings.model_copy(update={"threads": 1})) as server:
+        runtime = runtime_of(server)
+        gate = runtime.gates.points
+
+        async def held(name: str) -> None:
+            with gate.admit(5):
+                await runtime.run(long, name)
+
+        async def leave() -> list[int]:
+            one, queued = (asyncio.create_task(held(name)) for name in ("one", "queued"))
+            await asyncio.to_thread(began.wait, DEADLINE_S)
+            one.cancel()
+            queued.cancel()
+            await asyncio.wait((one, queued), timeout=0.1)
+            counted = [gate.held]
+            may_end.set()
+            await asyncio.wait((one, queued))
+            return [*counted, gate.held]
+
+        assert asyncio.run(leave()) == [5, 0]
+        assert ran == ["one"]
 
 
 def test_an_upload_that_stalls_is_ended_and_frees_its_room(settings: Settings) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 import httpx
 import pytest
 from conftest import Server, hof_serve, running
+from slow import runtime_of, until
 
 from service.headers import SECURE
 from service.heads import MAX_HEAD_BYTES, PUNCTUATION
@@ -143,6 +144,25 @@ def test_what_follows_a_request_does_not_break_into_its_answer(server: Server, c
         connection.sendall(b"GET /openapi.json HTTP/1.1\r\nHost: x\r\n\r\n\0")
         answer = rest(connection)
     assert answer == b"" or answer.endswith(expected)
+
+
+def test_requests_that_do_not_wait_for_the_answer_are_dropped_with_the_connection(server: Server) -> None:
+    with connect(server) as connection:
+        connection.sendall(1_000 * (LINE + b"\r\n"))
+        answer = rest(connection)
+    assert answer.startswith(b"HTTP/1.1 200 ")
+    assert answer.count(b"HTTP/1.1 ") == 1
+
+
+def test_a_client_that_asks_twice_and_leaves_is_noticed(server: Server, photo: bytes) -> None:
+    gate = runtime_of(server).gates.points
+    object_id = httpx.post(f"http://127.0.0.1:{server.port}/encode", content=photo, timeout=DEADLINE_S).json()["id"]
+    with connect(server) as connection:
+        first = f"GET /objects/{object_id}/points?n=10000000 HTTP/1.1\r\nHost: x\r\n\r\n".encode()
+        connection.sendall(first + LINE + b"\r\n")
+        until(lambda: gate.held > 0)
+    until(lambda: gate.cancelled == 1)
+    assert (gate.held, gate.finished) == (0, 0)
 
 
 def test_hof_serve_bounds_heads_too(model_path: Path, tmp_path: Path) -> None:

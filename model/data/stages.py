@@ -28,7 +28,7 @@ def add_stages(data: "argparse._SubParsersAction[argparse.ArgumentParser]") -> N
     vary.add_argument("--sh3f", type=Path, help="as for build")
     vary.add_argument("--meshes", type=Path, help="as for build")
     vary.add_argument(
-        "--variants", type=int, default=4, help="other shapes per training object: 4 stretched, then warped"
+        "--variants", type=int, default=9, help="other shapes per training object: 4 stretched, then warped"
     )
     vary.add_argument("--views", type=int, default=12, help="per shape")
     vary.add_argument("--processes", type=int, default=os.cpu_count() or 1)

@@ -10,7 +10,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from service.clients import while_there
-from service.composition import Proposal, check_values, propose
+from service.composition import Proposal, check_stored, check_values, propose
 from service.errors import InvalidInput, NotFound
 from service.ids import is_id
 from service.mapping import Functions
@@ -34,6 +34,7 @@ RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
     },
     400: {"model": Problem, "description": "A body that is no JSON"},
     404: {"model": Problem, "description": "No object of an id; `errors` tells which"},
+    408: {"model": Problem, "description": "The rest of the body does not come"},
     413: {"model": Problem, "description": "More bytes than such a call can need"},
     422: {
         "model": Problem,
@@ -60,8 +61,8 @@ async def compose(
     Ids are digests of the mode and the word: a repeat answers 200 with the same objects.
     """
     asked = await _read(request)
-    members = await _members(runtime, asked.objects)
-    cost = max(cost_of(record.spec, functions) for record, functions in members)
+    members = await _members(runtime, asked)
+    cost = cost_of(members[0][0].spec, *(functions for _, functions in members))
     with runtime.gates.points.admit(PROBE_POINTS * len(members) * cost):
         proposals = await while_there(request, runtime.run(propose, members, asked.mode))
     records, any_new = await _keep(request, runtime, proposals, cost)
@@ -87,15 +88,17 @@ async def _read(request: Request) -> Composition:
         raise RequestValidationError(errors) from error
 
 
-async def _members(runtime: Runtime, ids: Sequence[str]) -> list[tuple[Record, Functions]]:
-    """The objects that are named, with their functions. Raises NotFound for the first that is not there."""
-    members = []
+async def _members(runtime: Runtime, asked: Composition) -> list[tuple[Record, Functions]]:
+    """The objects that are named, with their functions, each of which is read once, and none before all are known to
+    go together. Raises NotFound for the first that is not there, and as `check_stored`."""
+    ids = asked.objects
+    records = await runtime.store.records([object_id for object_id in ids if is_id(object_id)])
     for index, object_id in enumerate(ids):
-        found = await runtime.store.find(object_id) if is_id(object_id) else None
-        if found is None:
+        if object_id not in records:
             raise NotFound(f"objects[{index}]: there is no object of this id", field=f"objects[{index}]")
-        members.append(found)
-    return members
+    check_stored([records[object_id] for object_id in ids], asked.mode)
+    found = {object_id: await runtime.store.get(object_id) for object_id in dict.fromkeys(ids)}
+    return [found[object_id] for object_id in ids]
 
 
 async def _keep(

@@ -34,6 +34,8 @@ async def mesh(request: Request, id_: ObjectId, query: Annotated[MeshQuery, Quer
     accept = request.headers.get("accept")
     fmt = MESH_FORMATS[query.format] if query.format else negotiate(accept, MESH_FORMATS.values())
     record, functions = await runtime.store.get(id_)
+    if query.color == "none" or not fmt.holds_color:
+        functions = Functions(functions.theta)
     n, cost = 20 * query.resolution**2, cost_of(record.spec, functions)
     check_cost(n, cost, runtime.settings.max_points, "resolution")
     headers = cached(etag(id_, "mesh", fmt.name, query.model_dump(exclude={"format"}))) | {"Vary": "Accept"}

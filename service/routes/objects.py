@@ -51,6 +51,7 @@ async def page_of_objects(query: Annotated[PageQuery, Query()], runtime: Ready) 
             "headers": {"Location": {"description": "path of the object", "schema": {"type": "string"}}},
         },
         400: {"model": Problem, "description": "Bytes that are no weights file, or whose numbers do not fit its spec"},
+        408: {"model": Problem, "description": "The rest of the body does not come"},
         413: {"model": Problem, "description": "More bytes than the limit"},
         422: {
             "model": Problem,
@@ -84,8 +85,7 @@ async def import_object(
 @router.get("/{id}", responses=MISSING)
 async def one_object(id_: ObjectId, query: Annotated[NoQuery, Query()], runtime: Ready) -> StoredObject:
     """One object."""
-    record, _ = await runtime.store.get(id_)
-    return StoredObject.of(record)
+    return StoredObject.of(await runtime.store.record(id_))
 
 
 @router.delete(

@@ -1,0 +1,48 @@
+"""Whether a part works, where its pings fail or hang. The parts of a real service: test_health.py."""
+
+import asyncio
+import math
+from collections.abc import Callable, Coroutine
+
+import pytest
+
+from service import vital
+from service.vital import Vital
+
+Ping = Callable[[], Coroutine[None, None, None]]
+
+
+async def _answer() -> None:
+    pass
+
+
+async def _fail() -> None:
+    raise ConnectionError("the part is gone")
+
+
+async def _hang() -> None:
+    await asyncio.sleep(600)
+
+
+@pytest.mark.parametrize(
+    ("pings", "told"),
+    [
+        ([_answer], [True]),
+        ([_fail], [False]),
+        ([_hang], [True, True]),  # one ping, which has time
+        ([_fail, _hang], [False, False]),  # what failed must answer before it is believed
+        ([_fail, _answer], [False, True]),
+        ([_fail, _hang, _answer], [False, False, False]),
+    ],
+)
+def test_a_part_is_believed_as_long_as_its_last_answer_was_good(
+    pings: list[Ping], told: list[bool], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(vital, "PATIENCE_S", 0.01)
+    coming = iter(pings)
+
+    async def ask() -> list[bool]:
+        part = Vital(lambda: next(coming)(), lambda: -math.inf)
+        return [await part.works() for _ in told]
+
+    assert asyncio.run(ask()) == told
