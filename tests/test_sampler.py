@@ -185,6 +185,7 @@ def peak_bytes(n: int) -> int:
 
 
 def test_memory_does_not_grow_with_n() -> None:
+    peak_bytes(1_300_000)  # what is compiled or loaded by a first call is of no cloud
     assert peak_bytes(1_300_000) < 1.1 * peak_bytes(130_000)
 
 
