@@ -13,6 +13,7 @@ import numpy.typing as npt
 import pytest
 import tiny_model
 import trimesh
+from coloured import check_none_leaves_colour_out, encoded, file_of
 from conftest import disc, image_file
 from gltf_validator import check_valid
 
@@ -27,11 +28,6 @@ N = FIRST_PART + 1000
 SPEC = tiny_model.COLOR_SPEC
 
 
-def _encode(client: httpx.Client, colour: str = "red") -> dict[str, Any]:
-    made: dict[str, Any] = client.post("/encode", content=image_file(disc(colour))).json()
-    return made
-
-
 def _import(client: httpx.Client, seed: int, color: Array | None, spec: MappingSpec = SPEC) -> httpx.Response:
     theta = initial_theta(tiny_model.SPEC, seed)
     weights = Weights(tiny_model.SPEC, theta, "elsewhere", color=None if color is None else Color(spec, color))
@@ -43,9 +39,7 @@ def _weights(client: httpx.Client, made: dict[str, Any]) -> Weights:
 
 
 def _file(client: httpx.Client, made: dict[str, Any], name: str = "json", **query: int | str) -> bytes:
-    answer = client.get(made["links"]["points"], params={"format": name, "n": N, **query})
-    assert answer.status_code == 200
-    return answer.content
+    return file_of(client, made, "points", **{"format": name, "n": N, **query})
 
 
 def _colors(client: httpx.Client, made: dict[str, Any], **query: int | str) -> Colors:
@@ -72,7 +66,7 @@ def _random_color(seed: int) -> Array:
 
 
 def test_colours_are_those_of_the_colour_function_at_the_canonical_points(colored: httpx.Client) -> None:
-    made = _encode(colored)
+    made = encoded(colored)
     color = _weights(colored, made).color
     assert color
     expected = _values(color.weights, seed=7)
@@ -82,7 +76,7 @@ def test_colours_are_those_of_the_colour_function_at_the_canonical_points(colore
 
 
 def test_other_programs_read_the_same_colours_of_every_format(colored: httpx.Client, tmp_path: Path) -> None:
-    made = _encode(colored)
+    made = encoded(colored)
     told = json.loads(_file(colored, made))
     points, colors = np.float32(told["points"]), np.array(told["colors"], np.uint8)
     assert len(np.unique(colors, axis=0)) > 100
@@ -107,7 +101,7 @@ def test_other_programs_read_the_same_colours_of_every_format(colored: httpx.Cli
 @pytest.mark.parametrize("name", ["ply", "npy", "glb", "gltf", "pcd", "f32", "f16"])
 @pytest.mark.parametrize("n", [1, 1000, N])
 def test_lengths_are_exact_and_head_tells_them(colored: httpx.Client, name: str, n: int) -> None:
-    link = _encode(colored)["links"]["points"]
+    link = encoded(colored)["links"]["points"]
     query: dict[str, int | str] = {"format": name, "n": n}
     got, head = colored.get(link, params=query), colored.head(link, params=query)
     assert head.headers["content-length"] == got.headers["content-length"] == str(len(got.content))
@@ -117,14 +111,12 @@ def test_lengths_are_exact_and_head_tells_them(colored: httpx.Client, name: str,
 def test_color_none_gives_the_file_of_a_model_without_colour(
     client: httpx.Client, colored: httpx.Client, name: str
 ) -> None:
-    plain, made = _encode(client), _encode(colored)
-    expected = _file(client, plain, name)
-    assert expected == _file(client, plain, name, color="none") == _file(colored, made, name, color="none")
-    assert (_file(colored, made, name) == expected) == (POINT_FORMATS[name].colored is None)
+    holds_color = POINT_FORMATS[name].colored is not None
+    check_none_leaves_colour_out(client, colored, "points", holds_color, format=name, n=N)
 
 
 def test_any_part_of_a_cloud_has_the_same_colours(colored: httpx.Client) -> None:
-    made = _encode(colored)
+    made = encoded(colored)
     colors = _colors(colored, made, n=100_000, seed=3)
     for n in (1, FIRST_PART, FIRST_PART + 1, 70_000):
         np.testing.assert_array_equal(_colors(colored, made, n=n, seed=3), colors[:n])
@@ -135,7 +127,7 @@ def test_any_part_of_a_cloud_has_the_same_colours(colored: httpx.Client) -> None
 
 
 def test_colour_is_part_of_the_etag(colored: httpx.Client) -> None:
-    link = _encode(colored)["links"]["points"]
+    link = encoded(colored)["links"]["points"]
     tags = [colored.head(f"{link}?color={color}").headers["etag"] for color in ("auto", "none")]
     assert len(set(tags)) == 2
     assert colored.get(f"{link}?color=none", headers={"If-None-Match": tags[1]}).status_code == 304
@@ -143,7 +135,7 @@ def test_colour_is_part_of_the_etag(colored: httpx.Client) -> None:
 
 
 def test_a_colour_that_there_is_not_is_refused(colored: httpx.Client) -> None:
-    answer = colored.get(_encode(colored)["links"]["points"], params={"color": "red"})
+    answer = colored.get(encoded(colored)["links"]["points"], params={"color": "red"})
     assert (answer.status_code, answer.json()["errors"][0]["field"]) == (422, "color")
     assert "'auto' or 'none'" in answer.json()["detail"]
 
@@ -153,11 +145,11 @@ def test_a_colour_that_there_is_not_is_refused(colored: httpx.Client) -> None:
 
 def test_objects_and_the_model_tell_their_colours_spec(colored: httpx.Client, client: httpx.Client) -> None:
     spec = json.loads(SPEC.to_json())
-    made = _encode(colored)
+    made = encoded(colored)
     assert made["color"] == colored.get("/model").json()["color"] == spec
     assert colored.get(made["links"]["self"]).json()["color"] == spec
     assert colored.get("/objects").json()["items"][0]["color"] == spec
-    for answer in (_encode(client), client.get("/model").json(), client.get("/objects").json()["items"][0]):
+    for answer in (encoded(client), client.get("/model").json(), client.get("/objects").json()["items"][0]):
         assert "color" not in answer
 
 
@@ -179,7 +171,7 @@ def test_weights_come_with_those_of_the_colour(colored: httpx.Client) -> None:
 
 
 def test_a_file_in_colour_comes_back_as_the_same_object(colored: httpx.Client, client: httpx.Client) -> None:
-    made = _encode(colored)
+    made = encoded(colored)
     file = colored.get(made["links"]["weights"]).content
     answer = client.post("/objects", content=file)  # of a service whose own model has no colour
     again = answer.json()
@@ -206,7 +198,7 @@ def test_what_cannot_be_a_colour_is_refused(client: httpx.Client) -> None:
 def test_the_command_line_gives_the_services_colours(
     colored: httpx.Client, colored_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    made = _encode(colored)
+    made = encoded(colored)
     photo, file, out = tmp_path / "photo.png", tmp_path / "a.safetensors", tmp_path / "out.ply"
     photo.write_bytes(image_file(disc()))
     assert cli.main(["encode", str(photo), "--model", str(colored_path), "-o", str(file)]) == 0
@@ -250,7 +242,7 @@ def test_functions_without_colour_are_left_out_of_the_mean(client: httpx.Client)
 
 
 def test_a_word_of_one_object_has_its_colours(colored: httpx.Client) -> None:
-    a, b = _encode(colored, "red"), _encode(colored, "green")
+    a, b = encoded(colored, "red"), encoded(colored, "green")
     words = colored.post("/compose", json={"objects": [a["id"], b["id"]], "mode": "all"}).json()["objects"]
     assert _file(colored, words[0], "ply") == _file(colored, a, "ply")
     np.testing.assert_array_equal(_colors(colored, words[1]), _colors(colored, words[2]))  # AB, BA

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 import trimesh
-from conftest import disc, image_file
+from coloured import check_none_leaves_colour_out, encoded, file_of
 from gltf_validator import check_valid
 from scipy.spatial import cKDTree
 
@@ -25,15 +25,8 @@ COLORED = [name for name, fmt in MESH_FORMATS.items() if fmt.holds_color]
 Levels = npt.NDArray[np.float64]  # sRGB, 0 to 255
 
 
-def _encode(client: httpx.Client, colour: str = "red") -> dict[str, Any]:
-    made: dict[str, Any] = client.post("/encode", content=image_file(disc(colour))).json()
-    return made
-
-
 def _file(client: httpx.Client, made: dict[str, Any], name: str, **query: int | str) -> bytes:
-    answer = client.get(made["links"]["mesh"], params={"format": name, "resolution": RESOLUTION, **query})
-    assert answer.status_code == 200, answer.text
-    return answer.content
+    return file_of(client, made, "mesh", format=name, resolution=RESOLUTION, **query)
 
 
 def _read(data: bytes, name: str) -> tuple[trimesh.Trimesh, Levels]:
@@ -48,9 +41,9 @@ def _read(data: bytes, name: str) -> tuple[trimesh.Trimesh, Levels]:
 @pytest.mark.parametrize("word", [["red"], ["red", "blue"]])
 def test_each_vertex_has_the_colour_of_its_canonical_point(colored: httpx.Client, word: list[str]) -> None:
     """In a word the mean of its functions' colours."""
-    made = _encode(colored, word[0])
+    made = encoded(colored, word[0])
     if len(word) > 1:
-        ids = [_encode(colored, colour)["id"] for colour in word]
+        ids = [encoded(colored, colour)["id"] for colour in word]
         made = colored.post("/compose", json={"objects": ids}).json()
     weights = load(colored.get(made["links"]["weights"]).content)
     assert weights.color
@@ -69,7 +62,7 @@ def test_each_vertex_has_the_colour_of_its_canonical_point(colored: httpx.Client
 
 @pytest.mark.parametrize("name", COLORED)
 def test_other_programs_read_the_same_colours_of_every_format(colored: httpx.Client, name: str) -> None:
-    made = _encode(colored)
+    made = encoded(colored)
     ply, levels = _read(_file(colored, made, "ply"), "ply")
     mesh, read = _read(_file(colored, made, name), name)
     np.testing.assert_allclose(mesh.triangles, ply.triangles, rtol=1e-5, atol=1e-5)
@@ -78,7 +71,7 @@ def test_other_programs_read_the_same_colours_of_every_format(colored: httpx.Cli
 
 @pytest.mark.parametrize("name", ["glb", "gltf"])
 def test_the_khronos_validator_finds_nothing(colored: httpx.Client, name: str, tmp_path: Path) -> None:
-    data = _file(colored, _encode(colored), name)
+    data = _file(colored, encoded(colored), name)
     assert b"COLOR_0" in data
     assert b'"baseColorFactor":[1.0,1.0,1.0,1.0]' in data  # anything else would tint the colours
     assert check_valid(data, tmp_path)["info"]["totalTriangleCount"] > 1000
@@ -88,14 +81,12 @@ def test_the_khronos_validator_finds_nothing(colored: httpx.Client, name: str, t
 def test_color_none_gives_the_file_of_a_model_without_colour(
     client: httpx.Client, colored: httpx.Client, name: str
 ) -> None:
-    plain, made = _encode(client), _encode(colored)
-    expected = _file(client, plain, name)
-    assert expected == _file(client, plain, name, color="none") == _file(colored, made, name, color="none")
-    assert (_file(colored, made, name) != expected) == MESH_FORMATS[name].holds_color
+    holds_color = MESH_FORMATS[name].holds_color
+    check_none_leaves_colour_out(client, colored, "mesh", holds_color, format=name, resolution=RESOLUTION)
 
 
 def test_colour_is_part_of_the_etag(colored: httpx.Client) -> None:
-    link = _encode(colored)["links"]["mesh"]
+    link = encoded(colored)["links"]["mesh"]
     tags = [colored.head(f"{link}?color={color}").headers["etag"] for color in ("auto", "none")]
     assert len(set(tags)) == 2
     assert colored.get(f"{link}?color=none", headers={"If-None-Match": tags[1]}).status_code == 304
@@ -107,7 +98,7 @@ def test_colour_is_part_of_the_etag(colored: httpx.Client) -> None:
 def test_the_command_line_gives_the_services_colours(
     colored: httpx.Client, tmp_path: Path, name: str, color: str
 ) -> None:
-    made = _encode(colored)
+    made = encoded(colored)
     file, out = tmp_path / "a.safetensors", tmp_path / f"a.{name}"
     file.write_bytes(colored.get(made["links"]["weights"]).content)
     command = ["mesh", str(file), "-o", str(out), "--resolution", str(RESOLUTION), "--color", color]

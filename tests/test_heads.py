@@ -10,13 +10,13 @@ from pathlib import Path
 import httpx
 import pytest
 from conftest import Server, hof_serve, running
-from slow import runtime_of, until
+from raw_sockets import connect, rest
+from slow import DEADLINE_S, runtime_of, until
 
 from service.headers import SECURE
 from service.heads import MAX_HEAD_BYTES, PUNCTUATION
 from service.settings import Settings
 
-DEADLINE_S = 60
 LINE = b"GET /health/live HTTP/1.1\r\nHost: x\r\n"
 FILLER = b"a: " + bytes(1_019).replace(b"\0", b"b") + b"\r\n"  # 1 KiB
 
@@ -26,15 +26,6 @@ def hasty(settings: Settings) -> Iterator[Server]:
     """A server that waits for its clients half a second."""
     with running(settings.model_copy(update={"client_timeout_s": 0.5})) as server:
         yield server
-
-
-def connect(server: Server) -> socket.socket:
-    return socket.create_connection(("127.0.0.1", server.port), timeout=DEADLINE_S)
-
-
-def rest(connection: socket.socket) -> bytes:
-    """All that the server sends until it closes."""
-    return b"".join(iter(lambda: connection.recv(65_536), b""))
 
 
 def check_problem(answer: bytes, status: int, title: str) -> None:

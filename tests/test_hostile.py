@@ -17,7 +17,7 @@ import httpx
 import pytest
 from conftest import Server, check_refused, disc, hof_serve, image_file
 from PIL import Image
-from test_heads import connect, rest
+from raw_sockets import connect, rest
 
 from benchmarks.processes import reset_peak, status_bytes
 from service.observing import MAX_PATH
