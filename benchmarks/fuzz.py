@@ -15,9 +15,9 @@ from typing import Final
 
 import aiohttp
 
-from benchmarks.generator import LOST, session
+from benchmarks.generator import LOST, each, session
 from benchmarks.mutations import mutant
-from benchmarks.processes import hof, serving, status_bytes
+from benchmarks.processes import SERVER_CORE, hof, serving, status_bytes
 from benchmarks.report import Asked, asked_table
 
 CLIENTS: Final = 8
@@ -39,10 +39,10 @@ class Found:
     is_live: bool = False
 
 
-def fuzz(asked: list[Asked], core: int, count: int) -> str:
+def fuzz(asked: list[Asked], count: int) -> str:
     """Send so many damaged images and count the answers."""
     start = time.perf_counter()
-    with serving(hof(threads=1), {core}) as (url, pid):
+    with serving(hof(threads=1), {SERVER_CORE}) as (url, pid):
         found = asyncio.run(_drive(url, pid, count))
     took_s = time.perf_counter() - start
     growth = found.memory[-1] / found.memory[0] - 1
@@ -64,10 +64,10 @@ def fuzz(asked: list[Asked], core: int, count: int) -> str:
 
 async def _drive(url: str, pid: int, count: int) -> Found:
     found = Found()
-    numbers = iter(range(count))
 
-    async def one(client: aiohttp.ClientSession) -> None:
-        for number in numbers:
+    async with session() as client:
+
+        async def ask(number: int) -> None:
             if number == int(WARM_UP * count):
                 found.memory.append(status_bytes(pid, "VmRSS"))
             status, kind = await _send(client, url, number)
@@ -75,8 +75,7 @@ async def _drive(url: str, pid: int, count: int) -> Found:
             if status == LOST or status >= 500:
                 found.failed.append(number)
 
-    async with session() as client:
-        await asyncio.gather(*(one(client) for _ in range(CLIENTS)))
+        await each(count, CLIENTS, ask)
         found.memory.append(status_bytes(pid, "VmRSS"))
         async with client.get(f"{url}/health/live") as answer:
             found.is_live = answer.status == 200
@@ -100,7 +99,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=10_000, help="images; default: 10,000")
     asked: list[Asked] = []
-    section = fuzz(asked, 0, parser.parse_args(argv).count)
+    section = fuzz(asked, parser.parse_args(argv).count)
     print(section, asked_table(asked), sep="\n\n")
     return 0 if all(item.met for item in asked) else 1
 

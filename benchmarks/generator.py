@@ -2,7 +2,7 @@
 
 import asyncio
 import time
-from collections.abc import Iterator
+from collections.abc import Awaitable, Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -71,6 +71,17 @@ async def closed_loop(url: str, bodies: Iterator[bytes], clients: int, seconds: 
         await asyncio.gather(*(one(client) for _ in range(clients)))
     answers.took_s = time.perf_counter() - start
     return answers
+
+
+async def each(count: int, clients: int, ask: Callable[[int], Awaitable[None]]) -> None:
+    """Ask for each number below `count`, so many at a time."""
+    numbers = iter(range(count))
+
+    async def one() -> None:
+        for number in numbers:
+            await ask(number)
+
+    await asyncio.gather(*(one() for _ in range(clients)))
 
 
 async def open_loop(url: str, bodies: Iterator[bytes], per_second: float, seconds: float) -> Answers:

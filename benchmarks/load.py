@@ -20,7 +20,7 @@ from benchmarks.fuzz import fuzz
 from benchmarks.generator import Answers, closed_loop, open_loop, probe
 from benchmarks.kills import faults
 from benchmarks.photos import photos
-from benchmarks.processes import cpu_s, hof, others, pin_to, serving, status_bytes, threads
+from benchmarks.processes import SERVER_CORE, cpu_s, hof, others, pin_to, serving, status_bytes, threads
 from benchmarks.report import Asked, asked_table
 from benchmarks.timing import in_turn
 from model.provenance import provenance
@@ -29,7 +29,6 @@ from service.encoder import Encoder
 from service.settings import SHIPPED_MODEL
 
 FOLDER: Final = Path(__file__).resolve().parent
-SERVER_CORE: Final = 0
 MIB: Final = 2**20
 OVERLOAD: Final = 3  # times the peak
 SIZES: Final = (1, 2, 4, 8, 16)
@@ -49,7 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     sections = [batching(asked, 3 if quick else 30), overload(asked, 2 if quick else 60)]
     sections.append(compare(asked, SERVER_CORE, 1 if quick else 3, 0.5 if quick else 5, arguments.peers))
     sections.append(faults(asked, *((2, 1) if quick else (100, 10))))
-    sections.append(fuzz(asked, SERVER_CORE, 200 if quick else 10_000))
+    sections.append(fuzz(asked, 200 if quick else 10_000))
     page = (
         f"# Under load\n\nWritten by `make load`. {made['machine']}; {made['date']}, commit {made['commit']}. The "
         "server has one core and `--threads 1`, the load comes from another, over loopback. Photos are JPEGs of "

@@ -19,6 +19,7 @@ import httpx
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 HOF: Final = str(Path(sys.executable).with_name("hof"))
+SERVER_CORE: Final = 0  # of a server under load; the load comes from the others
 START_TIMEOUT_S: Final = 120
 STOP_TIMEOUT_S: Final = 20
 

@@ -15,13 +15,12 @@ from typing import Final
 import aiohttp
 import numpy as np
 
-from benchmarks.generator import session
+from benchmarks.generator import each, session
 from benchmarks.photos import photos
-from benchmarks.processes import hof, others, pin_to, serving, status_bytes
+from benchmarks.processes import SERVER_CORE, hof, others, pin_to, serving, status_bytes
 from benchmarks.report import Asked, asked_table
 from model.provenance import provenance
 
-SERVER_CORE: Final = 0
 CLIENTS: Final = 8
 SAMPLES: Final = 400  # of resident memory
 WARM_UP: Final = 0.3  # of the requests: the allocators have seen every size by then
@@ -78,11 +77,11 @@ async def _drive(url: str, pid: int, requests: int) -> tuple[list[int], Counter[
     """Resident memory at SAMPLES moments, and how many answers had which status (0: the client left)."""
     memory: list[int] = []
     statuses: Counter[int] = Counter()
-    numbers = iter(range(requests))
     visitor = Visitor(url)
 
-    async def one(client: aiohttp.ClientSession) -> None:
-        for number in numbers:
+    async with session() as client:
+
+        async def ask(number: int) -> None:
             if number % max(1, requests // SAMPLES) == 0:
                 memory.append(status_bytes(pid, "VmRSS"))
             try:
@@ -90,8 +89,7 @@ async def _drive(url: str, pid: int, requests: int) -> tuple[list[int], Counter[
             except aiohttp.ClientError:
                 statuses[NO_ANSWER] += 1
 
-    async with session() as client:
-        await asyncio.gather(*(one(client) for _ in range(CLIENTS)))
+        await each(requests, CLIENTS, ask)
     return memory, statuses
 
 
