@@ -63,7 +63,7 @@ def mesh(arguments: argparse.Namespace) -> None:
     fmt = _format(arguments.output, MESH_FORMATS)
     query = MeshQuery(**given(arguments, MeshQuery))
     weights = _load(arguments.weights)
-    surface = query.surface(weights.spec, weights.functions, holds_color=fmt.holds_color)
+    surface = query.surface(weights.spec, query.shown(weights.functions, holds_color=fmt.holds_color))
     _write(arguments.output, [fmt.dump(surface)])
 
 

@@ -122,16 +122,19 @@ class MeshQuery(NoQuery):
         "`gltf`, `obj`, `ply`; `none` leaves them out",
     )
 
-    def surface(self, spec: MappingSpec, functions: Functions, *, holds_color: bool) -> Surface:
-        """The surface that is asked for of an object, for a format that holds colours or does not.
+    def shown(self, functions: Functions, *, holds_color: bool) -> Functions:
+        """Those of an object's functions that are asked for, in a format that holds colours or does not."""
+        return functions if self.color == "auto" and holds_color else Functions(functions.theta)
+
+    def surface(self, spec: MappingSpec, shown: Functions) -> Surface:
+        """The surface of what is `shown` of an object.
 
         Raises
         ------
         CorruptWeights : the functions' values exceed float32.
         """
-        sampler = Sampler(spec, word_of(spec, functions.theta))
-        color = functions.color if self.color == "auto" and holds_color else None
-        return surface_of(sampler, self.resolution, self.scale, ColorSampler(color) if color else None)
+        sampler = Sampler(spec, word_of(spec, shown.theta))
+        return surface_of(sampler, self.resolution, self.scale, ColorSampler(shown.color) if shown.color else None)
 
 
 class WeightsQuery(NoQuery):

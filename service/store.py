@@ -67,7 +67,7 @@ class Store:
         await self._engine.dispose()
 
     async def ping(self) -> None:
-        """Ask the database for nothing. Raises what SQLAlchemy raises when it does not answer."""
+        """Ask the database for nothing. Raises Overloaded, or what SQLAlchemy raises when it does not answer."""
         async with self._connection() as connection:
             await connection.execute(select(1))
 

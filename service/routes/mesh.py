@@ -34,9 +34,8 @@ async def mesh(request: Request, id_: ObjectId, query: Annotated[MeshQuery, Quer
     accept = request.headers.get("accept")
     fmt = MESH_FORMATS[query.format] if query.format else negotiate(accept, MESH_FORMATS.values())
     record, functions = await runtime.store.get(id_)
-    if query.color == "none" or not fmt.holds_color:
-        functions = Functions(functions.theta)
-    n, cost = 20 * query.resolution**2, cost_of(record.spec, functions)
+    shown = query.shown(functions, holds_color=fmt.holds_color)
+    n, cost = 20 * query.resolution**2, cost_of(record.spec, shown)
     check_cost(n, cost, runtime.settings.max_points, "resolution")
     headers = cached(etag(id_, "mesh", fmt.name, query.model_dump(exclude={"format"}))) | {"Vary": "Accept"}
     if is_fresh(request.headers.get("if-none-match"), headers["ETag"]):
@@ -45,9 +44,9 @@ async def mesh(request: Request, id_: ObjectId, query: Annotated[MeshQuery, Quer
     if "hof.head" in request.scope:
         return Response(headers=headers, media_type=fmt.media_type)
     with runtime.gates.points.admit(n * cost):
-        data = await while_there(request, runtime.run(_file, fmt, record.spec, functions, query))
+        data = await while_there(request, runtime.run(_file, fmt, record.spec, shown, query))
     return Response(data, headers=headers, media_type=fmt.media_type)
 
 
-def _file(fmt: MeshFormat, spec: MappingSpec, functions: Functions, query: MeshQuery) -> bytes:
-    return fmt.dump(query.surface(spec, functions, holds_color=fmt.holds_color))
+def _file(fmt: MeshFormat, spec: MappingSpec, shown: Functions, query: MeshQuery) -> bytes:
+    return fmt.dump(query.surface(spec, shown))
