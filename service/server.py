@@ -26,6 +26,7 @@ from service import app, database, logs
 from service.access import keys_of
 from service.heads import bounded_heads
 from service.matting import Matting
+from service.memory import share_one_arena
 from service.metrics import shared_by_workers
 from service.models import Models
 from service.settings import Settings
@@ -45,6 +46,7 @@ def serve(settings: Settings) -> None:
     ------
     InvalidModel, InvalidKeys, UnusableStore : what the service could not start with.
     """
+    share_one_arena()
     _check(settings)
     config = Config(settings)
     if settings.workers > 1:
