@@ -5,10 +5,12 @@ About half an hour. Other work beside it slows it down and changes nothing else.
 
 import argparse
 import asyncio
+import json
 import random
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Sequence
+from http import HTTPStatus
 from pathlib import Path
 from typing import Final
 
@@ -20,6 +22,8 @@ from benchmarks.photos import photos
 from benchmarks.processes import SERVER_CORE, hof, others, pin_to, serving, status_bytes
 from benchmarks.report import Asked, asked_table
 from model.provenance import provenance
+from service.formats.weights import Weights, dump
+from service.mapping import HOF_1, initial_theta
 
 CLIENTS: Final = 8
 SAMPLES: Final = 400  # of resident memory
@@ -28,6 +32,7 @@ BLOCKS: Final = 10  # of the samples; their slopes tell how sure the whole one i
 LEAVE_AFTER_S: Final = 0.002
 NO_ANSWER: Final = 599  # counts as 5xx
 MIB: Final = 2**20
+SPEC: Final = HOF_1.with_k(2)  # of what is imported
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -101,37 +106,72 @@ class Visitor:
         self._dice = random.Random(0)  # noqa: S311
         self._photos = photos(7)
         self._repeated = next(self._photos)
-        self._ids: list[str] = []
+        self._ids: deque[str] = deque(maxlen=500)
 
     async def ask(self, client: aiohttp.ClientSession, number: int) -> int:
         """One request. Returns its status, 0 where the client left."""
         if number < CLIENTS or not self._ids:
             return await self._encode(client, next(self._photos))
-        object_path = f"/objects/{self._dice.choice(self._ids)}"
-        n = self._dice.choice((500, 2_000, 8_000))
-        kind = self._dice.choices(range(8), (15, 15, 40, 10, 5, 5, 5, 5))[0]
-        if kind == 0:
-            return await self._encode(client, next(self._photos))
-        if kind == 1:
-            return await self._encode(client, self._repeated)
-        if kind == 2:
-            fmt = self._dice.choice(("ply", "npy", "json", "glb"))
-            return await self._send(client, "GET", f"{object_path}/points?n={n}&format={fmt}")
-        if kind == 3:
-            return await self._send(client, "GET", f"{object_path}/weights")
-        if kind == 4:
-            return await self._send(client, "GET", "/objects?limit=20")
-        if kind == 5:
-            return await self._send(client, "POST", "/encode", b"no image")
-        if kind == 6:
-            return await self._send(client, "GET", f"/objects/{number:032x}")
-        return await self._leave(client, object_path)
+        ask, _ = self._dice.choices(KINDS, SHARES)[0]
+        return await ask(self, client)
+
+    async def _new_photo(self, client: aiohttp.ClientSession) -> int:
+        return await self._encode(client, next(self._photos))
+
+    async def _repeat(self, client: aiohttp.ClientSession) -> int:
+        return await self._encode(client, self._repeated)
+
+    async def _points(self, client: aiohttp.ClientSession) -> int:
+        n, fmt = self._dice.choice((500, 2_000, 8_000)), self._dice.choice(("ply", "npy", "json", "glb"))
+        return await self._send(client, "GET", f"{self._any_path()}/points?n={n}&format={fmt}")
+
+    async def _mesh(self, client: aiohttp.ClientSession) -> int:
+        fmt = self._dice.choice(("glb", "gltf", "ply", "obj", "stl"))
+        return await self._send(client, "GET", f"{self._any_path()}/mesh?resolution=8&format={fmt}")
+
+    async def _weights(self, client: aiohttp.ClientSession) -> int:
+        return await self._send(client, "GET", f"{self._any_path()}/weights")
+
+    async def _list(self, client: aiohttp.ClientSession) -> int:
+        return await self._send(client, "GET", "/objects?limit=20")
+
+    async def _compose(self, client: aiohttp.ClientSession) -> int:
+        body = {"mode": "compose", "objects": self._dice.choices(self._ids, k=2)}
+        return await self._send(client, "POST", "/compose", json.dumps(body).encode())
+
+    async def _import(self, client: aiohttp.ClientSession) -> int:
+        theta = initial_theta(SPEC, seed=self._dice.getrandbits(31))
+        return await self._send(client, "POST", "/objects", dump(Weights(SPEC, theta, "soak"), "safetensors"))
+
+    async def _delete(self, client: aiohttp.ClientSession) -> int:
+        """Objects that a composed one names stay, with a 409; nobody asks for them again."""
+        name = self._dice.choice(self._ids)
+        self._ids.remove(name)
+        return await self._send(client, "DELETE", f"/objects/{name}")
+
+    async def _bad_body(self, client: aiohttp.ClientSession) -> int:
+        return await self._send(client, "POST", "/encode", b"no image")
+
+    async def _unknown(self, client: aiohttp.ClientSession) -> int:
+        return await self._send(client, "GET", f"/objects/{self._dice.getrandbits(128):032x}")
+
+    async def _leave(self, client: aiohttp.ClientSession) -> int:
+        """Begin a large cloud, or a photo, and go."""
+        try:
+            async with asyncio.timeout(LEAVE_AFTER_S):
+                if self._dice.random() < 0.5:
+                    return await self._new_photo(client)
+                return await self._send(client, "GET", f"{self._any_path()}/points?n=1000000")
+        except TimeoutError:
+            return 0
+
+    def _any_path(self) -> str:
+        return f"/objects/{self._dice.choice(self._ids)}"
 
     async def _encode(self, client: aiohttp.ClientSession, photo: bytes) -> int:
         async with client.post(f"{self._url}/encode", data=photo) as answer:
-            if answer.status == 201:
+            if answer.status == HTTPStatus.CREATED:
                 self._ids.append((await answer.json())["id"])
-                del self._ids[:-500]
             return answer.status
 
     async def _send(self, client: aiohttp.ClientSession, method: str, path: str, body: bytes | None = None) -> int:
@@ -139,15 +179,22 @@ class Visitor:
             await answer.read()
             return answer.status
 
-    async def _leave(self, client: aiohttp.ClientSession, object_path: str) -> int:
-        """Begin a large cloud, or a photo, and go."""
-        try:
-            async with asyncio.timeout(LEAVE_AFTER_S):
-                if self._dice.random() < 0.5:
-                    return await self._encode(client, next(self._photos))
-                return await self._send(client, "GET", f"{object_path}/points?n=1000000")
-        except TimeoutError:
-            return 0
+
+KINDS: Final = (  # each with its share of the requests, percent
+    (Visitor._new_photo, 14),
+    (Visitor._repeat, 12),
+    (Visitor._points, 33),
+    (Visitor._mesh, 4),
+    (Visitor._weights, 9),
+    (Visitor._list, 5),
+    (Visitor._compose, 3),
+    (Visitor._import, 3),
+    (Visitor._delete, 3),
+    (Visitor._bad_body, 5),
+    (Visitor._unknown, 4),
+    (Visitor._leave, 5),
+)
+SHARES: Final = [share for _, share in KINDS]
 
 
 if __name__ == "__main__":
