@@ -113,6 +113,7 @@ def _add_train(stage: argparse.ArgumentParser) -> None:
     stage.add_argument(
         "--domain", choices=("ball", "sphere", "ball4", "cube"), help="default: ball; cube for foldingnet"
     )
+    stage.add_argument("--trunk", choices=("dense", "lite0"), default="dense", help="lite0: pretrained, at 128 pixels")
     stage.add_argument("--rank", type=int, default=256, help="bottleneck before theta; 0 is the paper's full rank")
     stage.add_argument("--batch", type=int, default=32)
     stage.add_argument("--learning-rate", type=float, default=7e-4)
@@ -129,8 +130,9 @@ def _add_train(stage: argparse.ArgumentParser) -> None:
 
 
 def _train(arguments: argparse.Namespace) -> None:
-    from model.config import EncoderConfig, TrainConfig
+    from model.config import DENSE, LITE0, TrainConfig
     from model.train import plot_losses, train
+    from service.images import Framing
     from service.mapping import DOMAIN_DIMS, HOF_1, HOF_3, Domain
 
     known = {"HOF-1": HOF_1, "HOF-3": HOF_3}[arguments.mapping]
@@ -144,9 +146,11 @@ def _train(arguments: argparse.Namespace) -> None:
         domain=domain,
         k=arguments.k,
     )
+    encoder, framing = {"dense": (DENSE, Framing()), "lite0": (LITE0, Framing(128))}[arguments.trunk]
     config = TrainConfig(
         spec=spec,
-        encoder=EncoderConfig(rank=arguments.rank),
+        encoder=replace(encoder, rank=arguments.rank),
+        framing=framing,
         seed=arguments.seed,
         batch=arguments.batch,
         learning_rate=arguments.learning_rate,

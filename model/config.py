@@ -1,7 +1,7 @@
 """Everything that decides a training run; a checkpoint stores the config that made it."""
 
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 from service.images import Framing
 from service.mapping import HOF_1, MappingSpec
@@ -13,14 +13,24 @@ Method = Literal["hof", "deepsdf", "foldingnet", "direct"]
 class EncoderConfig:
     """The image encoder g_phi (paper, appendix: Network Architecture and Training).
 
+    feature_maps, convolutions : of the DenseNet's blocks.
+    fully_connected : widths of the layers behind the trunk.
     rank : width of a bottleneck with LayerNorm before the layer that outputs theta; 0 is the paper's
         full-rank layer (a 50 MB file for HOF-1, trainable and exportable).
+    trunk : the paper's DenseNet, or the convolutions of EfficientNet-Lite0 as ImageNet taught it.
     """
 
     feature_maps: tuple[int, ...] = (16, 32, 64)
     convolutions: int = 4  # per dense block
     fully_connected: tuple[int, ...] = (1024, 1024, 1024)
     rank: int = 256
+    trunk: Literal["dense", "lite0"] = "dense"
+    frozen: int = 3  # blocks of Lite0 that are not trained
+    joined_maps: int = 96  # what Lite0's last maps are brought down to
+
+
+DENSE: Final = EncoderConfig()
+LITE0: Final = EncoderConfig(trunk="lite0", fully_connected=(1024,))
 
 
 @dataclass(frozen=True)
@@ -35,7 +45,9 @@ class TrainConfig:
     late_from : share of the budget after which `late_chamfer` takes the place of the squared loss, on
         `late_points` and `late_target_points`; 1 is never.
     variants : draw from the stretched shapes too, not from the data set's own alone.
-    start : checkpoint whose weights the run starts from, for another spec those of its trunk; None starts anew.
+    pretrained_rate : share of the learning rate that a pretrained trunk has.
+    start : checkpoint whose weights the run starts from: for another spec those of its trunk, for another trunk
+        those of its head; None starts anew.
     """
 
     spec: MappingSpec = field(default_factory=lambda: HOF_1.with_k(2))
@@ -47,6 +59,7 @@ class TrainConfig:
     points: int = 768
     target_points: int = 1_500
     learning_rate: float = 7e-4
+    pretrained_rate: float = 0.3
     weight_decay: float = 1e-2
     gradient_clip: float = 1.0
     projection: float = 0.0  # lambda of the projection regularisation (paper, eq. 6)

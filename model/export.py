@@ -127,6 +127,7 @@ def to_onnx(network: nn.Module, size: int, *outputs: str) -> onnx.ModelProto:
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         # torch's newer exporter needs a further package and gives this graph no better file
         warnings.simplefilter("ignore", DeprecationWarning)
+        warnings.filterwarnings("ignore", "Constant folding")  # of paddings: onnxruntime does it
         path = Path(folder) / "network.onnx"
         torch.onnx.export(
             network.eval(),

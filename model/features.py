@@ -21,13 +21,13 @@ from tqdm import tqdm
 from model.data.manifest import Entry
 from model.export import to_onnx
 from model.files import whole_file
+from model.pretrained import MEAN, SPREAD
 from service.encoder import open_session
 from service.images import Framing, frame, over_white
 
 Floats = npt.NDArray[np.float32]
 
 FRAMING: Final = Framing(size=128)
-MEAN, SPREAD = 127 / 255, 128 / 255  # the network takes (x - 127) / 128 of bytes x
 WIDTH: Final = 1280
 FILE: Final = "features.npz"
 

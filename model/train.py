@@ -23,6 +23,7 @@ from model.files import whole_file
 from model.losses import chamfer, late_chamfer, projection
 from model.memory import keep_freed_memory
 from model.metrics import compare
+from model.pretrained import Lite0, load_imagenet
 from service.canonical import canonical_points
 
 CHECKPOINT_EVERY_S: Final = 600.0
@@ -32,6 +33,8 @@ LATE_SCALE: Final = 0.125  # its gradient becomes as large as the squared loss's
 VALIDATION_VIEWS: Final = (1, 13)  # of 24: from the front, a little to the side, and from behind
 VALIDATION_POINTS: Final = 2_000  # predicted
 VALIDATION_TARGET_POINTS: Final = 4_000
+
+Weights = dict[str, Tensor]
 
 
 def train(data: Path, run: Path, config: TrainConfig) -> Path:
@@ -95,7 +98,7 @@ class _State:
         self.network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.average = copy.deepcopy(self.network).eval()
         self.optimizer = torch.optim.AdamW(
-            self.network.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay, fused=True
+            _groups(self.network, config.pretrained_rate), weight_decay=config.weight_decay, fused=True
         )
 
     @property
@@ -109,14 +112,13 @@ class _State:
     def begin(cls, config: TrainConfig) -> "_State":
         """A new run, from the weights of `config.start` if that is given; for another spec, from its trunk's."""
         state = cls(config)
+        for part in state.network.modules():
+            if isinstance(part, Lite0):
+                load_imagenet(part)
+        state.average.load_state_dict(state.network.state_dict())
         if config.start:
             network, started, state.before = load_network(Path(config.start))
-            for key in ("method", "encoder", "framing"):
-                if getattr(started, key) != getattr(config, key):
-                    raise ValueError(f"{config.start} was trained with another {key}: {getattr(started, key)}")
-            weights = network.state_dict()
-            if started.spec != config.spec:
-                weights |= {name: own for name, own in state.network.state_dict().items() if ".head." in name}
+            weights = _shared(network.state_dict(), started, state.network.state_dict(), config)
             state.network.load_state_dict(weights)
             state.average.load_state_dict(weights)
         return state
@@ -151,6 +153,34 @@ class _State:
                 torch.save(saved, file)
 
 
+def _groups(network: nn.Module, pretrained_rate: float) -> list[dict[str, Any]]:
+    """What is trained, in two groups: `rate` is their share of the learning rate."""
+    trained = [(name, weight) for name, weight in network.named_parameters() if weight.requires_grad]
+    groups = [
+        {"params": [weight for name, weight in trained if (".lite0." in name) == pretrained], "rate": rate}
+        for pretrained, rate in ((False, 1.0), (True, pretrained_rate))
+    ]
+    return [group for group in groups if group["params"]]
+
+
+def _shared(theirs: Weights, started: TrainConfig, own: Weights, config: TrainConfig) -> Weights:
+    """The weights to begin with: theirs, but of a run with another trunk the head's, with another spec the trunk's."""
+    for what, was, is_now in (
+        ("method", started.method, config.method),
+        ("rank", started.encoder.rank, config.encoder.rank),
+    ):
+        if was != is_now:
+            raise ValueError(f"{config.start} was trained with another {what}: {was}")
+    same_trunk = (started.encoder, started.framing) == (config.encoder, config.framing)
+    same_head = started.spec == config.spec
+    kept = {name for name in own if (same_head if ".head." in name else same_trunk)}
+    if not kept:
+        raise ValueError(
+            f"{config.start} was trained with another trunk and another spec: it has nothing to start from"
+        )
+    return own | {name: theirs[name] for name in kept}
+
+
 def _sizes(config: TrainConfig, progress: float) -> TrainConfig:
     """The config that a batch is drawn by at `progress` in [0, 1]: more points late."""
     if progress < config.late_from:
@@ -160,7 +190,7 @@ def _sizes(config: TrainConfig, progress: float) -> TrainConfig:
 
 def _step(state: _State, batch: Batch, progress: float, threads: ThreadPoolExecutor) -> float:
     for group in state.optimizer.param_groups:
-        group["lr"] = state.config.learning_rate * schedule(progress)
+        group["lr"] = group["rate"] * state.config.learning_rate * schedule(progress)
     state.network.train()
     predicted = state.network(batch.images.contiguous(memory_format=torch.channels_last), batch.canonical)
     if progress < state.config.late_from:
@@ -193,7 +223,7 @@ def validate(network: nn.Module, config: TrainConfig, validation: Examples) -> d
     for view in VALIDATION_VIEWS:
         crops, points = validation.front(view)
         for start in range(0, len(crops), config.batch):
-            images = plain_images(crops[start : start + config.batch])
+            images = plain_images(crops[start : start + config.batch], config.framing.size)
             images = images.contiguous(memory_format=torch.channels_last)
             predicted: Tensor = network(images, canonical.expand(len(images), -1, -1))
             true = points[start : start + config.batch, :VALIDATION_TARGET_POINTS]

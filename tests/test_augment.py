@@ -23,7 +23,7 @@ def square(colour: tuple[int, int, int]) -> Tensor:
 
 @pytest.fixture(scope="module")
 def images() -> Tensor:
-    return augment(square((200, 40, 40)), np.random.default_rng(0), BUNDLED)
+    return augment(square((200, 40, 40)), 16, np.random.default_rng(0), BUNDLED)
 
 
 def test_images_have_the_encoders_size_and_range(images: Tensor) -> None:
@@ -35,8 +35,8 @@ def test_images_have_the_encoders_size_and_range(images: Tensor) -> None:
 
 def test_the_generator_decides_alone(images: Tensor) -> None:
     crops = square((200, 40, 40))
-    assert (augment(crops, np.random.default_rng(0), BUNDLED) == images).all()
-    assert (augment(crops, np.random.default_rng(1), BUNDLED) != images).any()
+    assert (augment(crops, 16, np.random.default_rng(0), BUNDLED) == images).all()
+    assert (augment(crops, 16, np.random.default_rng(1), BUNDLED) != images).any()
     assert (crops == square((200, 40, 40))).all()  # nothing is changed in place
 
 
@@ -61,7 +61,7 @@ def test_the_object_is_seen_everywhere_and_some_images_are_grey(images: Tensor) 
 
 def test_shadows_lie_at_the_foot_of_some_objects(images: Tensor, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("model.data.augment.SHADOW_SHARE", 0.0)
-    bright = augment(square((200, 40, 40)), np.random.default_rng(0), BUNDLED)
+    bright = augment(square((200, 40, 40)), 16, np.random.default_rng(0), BUNDLED)
     darker = (bright - images).mean(dim=1)  # (IMAGES, 16, 16)
     assert float(darker.min()) > -1e-6
     shaded = darker.amax(dim=(1, 2)) > 0.05
@@ -82,7 +82,7 @@ def test_the_demos_photograph_is_not_trained_on() -> None:
 
 
 def test_in_white_light_the_object_keeps_its_colour() -> None:
-    middle = augment(square((200, 100, 40)), np.random.default_rng(0), BUNDLED, WHITE_LIGHT)[:, :, 8, 8]
+    middle = augment(square((200, 100, 40)), 16, np.random.default_rng(0), BUNDLED, WHITE_LIGHT)[:, :, 8, 8]
     assert (255 * middle.mean(dim=0)).tolist() == pytest.approx([200, 100, 40], abs=8)
     assert (middle[:, 0] > middle[:, 1] + 0.2).all()
     assert (middle[:, 1] > middle[:, 2] + 0.08).all()

@@ -96,7 +96,7 @@ def test_points_keep_their_colours_mirrored_too(examples: Examples) -> None:
 
 
 def test_plain_images_are_the_crops_over_white() -> None:
-    image = plain_images(crops(1, 255))
+    image = plain_images(crops(1, 255), 16)
     assert image.shape == (1, 3, 16, 16)
     assert image[0, :, 8, 4].tolist() == pytest.approx([1, 30 / 255, 30 / 255])
     assert image[0, :, 0, 0].tolist() == [1, 1, 1]

@@ -157,9 +157,14 @@ def test_a_run_starts_from_an_older_checkpoint_and_counts_its_steps(run: Path, d
 
 
 def test_a_start_of_another_kind_is_refused(run: Path, data: Path, tmp_path: Path) -> None:
-    for change in ({"encoder": EncoderConfig(rank=4)}, {"method": "direct"}):
-        other = replace(CONFIG, start=str(run / "last.pt"), **change)
-        with pytest.raises(ValueError, match=f"another {next(iter(change))}"):
+    spec, lite0 = CONFIG.spec.with_k(1), replace(CONFIG.encoder, trunk="lite0")
+    for what, change in {
+        "rank": {"encoder": EncoderConfig(rank=4)},
+        "method": {"method": "direct"},
+        "trunk and another spec": {"encoder": lite0, "spec": spec},
+    }.items():
+        other = replace(CONFIG, start=str(run / "last.pt"), **change)  # type: ignore[arg-type]
+        with pytest.raises(ValueError, match=f"another {what}"):
             train(data, tmp_path / "run", other)
     (tmp_path / "old").mkdir()
     old_checkpoint(run, tmp_path / "old" / "last.pt")

@@ -11,7 +11,7 @@ import torch.nn.functional as nnf
 from PIL import Image
 from torch import Tensor
 
-OVERSIZE: Final = 2  # stored crops have this many pixels per pixel of the encoder's input
+STORED: Final = 128  # pixels a side that views are rendered at
 PLAIN_SHARE: Final = 0.45  # of the images stand on white, as the service's masked ones do
 ZOOM: Final = (0.88, 1.1)
 LOOSE_ZOOM: Final = (0.6, 1.15)  # before a background: no mask tells where the object ends
@@ -43,14 +43,21 @@ ANY_LIGHT: Final = Light((0.6, 1.4), (0.85, 1.15), (0.4, 1.4), 0.1, 0.8)  # geom
 WHITE_LIGHT: Final = Light((0.9, 1.1), (0.97, 1.03), (0.9, 1.1), 0.0, 0.15)  # which leaves colours to be told
 
 
-def augment(crops: Tensor, rng: np.random.Generator, photographs: tuple[Path, ...], light: Light = ANY_LIGHT) -> Tensor:
-    """Views as if photographed: (b, 4, S, S) uint8 RGBA -> (b, 3, S / OVERSIZE, S / OVERSIZE) in [0, 1].
+def oversize(size: int) -> int:
+    """How many pixels a stored crop has per pixel of an encoder's input of `size`: 2 where the renders hold so many."""
+    return 2 if 2 * size <= STORED else 1
+
+
+def augment(
+    crops: Tensor, size: int, rng: np.random.Generator, photographs: tuple[Path, ...], light: Light = ANY_LIGHT
+) -> Tensor:
+    """Views as if photographed: (b, 4, S, S) uint8 RGBA, S = oversize(size) * size -> (b, 3, size, size) in [0, 1].
 
     `photographs` are files whose pieces stand behind some of the objects.
     """
     b = len(crops)
     plain = torch.from_numpy(rng.random(b) < PLAIN_SHARE).view(b, 1, 1, 1)
-    moved = _blurred(_framed(crops, plain, rng), rng)
+    moved = _blurred(_framed(crops, size, plain, rng), rng)
     rgb, alpha = moved[:, :3], moved[:, 3:]
     strength = _uniform(rng, *light.brightness, (b, 1, 1, 1)) * _uniform(rng, *light.tint, (b, 3, 1, 1))
     lit = torch.minimum(rgb * strength, alpha)
@@ -63,9 +70,9 @@ def augment(crops: Tensor, rng: np.random.Generator, photographs: tuple[Path, ..
     return (image + noise * torch.where(plain, alpha, 1.0)).clamp_(0, 1)
 
 
-def _framed(crops: Tensor, plain: Tensor, rng: np.random.Generator) -> Tensor:
+def _framed(crops: Tensor, size: int, plain: Tensor, rng: np.random.Generator) -> Tensor:
     """Premultiplied RGBA in [0, 1] at the encoder's size, the object zoomed and shifted."""
-    b, _, side, _ = crops.shape
+    b = len(crops)
     pixels = torch.empty(crops.shape).copy_(crops)
     pixels[:, :3] *= pixels[:, 3:] / 255
     zoom = torch.where(plain.flatten(), _uniform(rng, *ZOOM, b), _uniform(rng, *LOOSE_ZOOM, b))
@@ -73,8 +80,8 @@ def _framed(crops: Tensor, plain: Tensor, rng: np.random.Generator) -> Tensor:
     matrix = torch.zeros(b, 2, 3)
     matrix[:, 0, 0] = matrix[:, 1, 1] = 1 / zoom
     matrix[:, :, 2] = _uniform(rng, -SHIFT, SHIFT, (b, 2))
-    # at zoom 1 an output pixel lies between four stored ones: sampling there is their mean
-    grid = nnf.affine_grid(matrix, [b, 4, side // OVERSIZE, side // OVERSIZE], align_corners=False)
+    # at zoom 1 and twice the size an output pixel lies between four stored ones: sampling there is their mean
+    grid = nnf.affine_grid(matrix, [b, 4, size, size], align_corners=False)
     return nnf.grid_sample(pixels, grid, align_corners=False) / 255
 
 

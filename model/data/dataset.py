@@ -14,7 +14,7 @@ from PIL import Image
 from torch import Tensor
 
 from model.config import TrainConfig
-from model.data.augment import ANY_LIGHT, OVERSIZE, Light, augment
+from model.data.augment import ANY_LIGHT, Light, augment, oversize
 from model.data.manifest import Entry, Manifest, Split, variant_files
 from model.data.photographs import photograph_files
 from service.canonical import canonical_points
@@ -31,7 +31,7 @@ MIRROR: Final = np.array([-1, 1, 1], np.float32)  # left and right exchanged, ob
 class Shape:
     """A shape and its views.
 
-    crops : (views, S, S, 4) uint8 RGBA, framed by the service's code, S = OVERSIZE * size.
+    crops : (views, S, S, 4) uint8 RGBA, framed by the service's code, S = oversize(size) * size.
     points : (10000, 3) float32, object frame.
     colours : (10000, 3) uint8, sRGB of each point as its material has it; None for variants.
     """
@@ -77,7 +77,7 @@ def load_examples(folder: Path, split: Split, framing: Framing, variants: bool =
     FileNotFoundError : `folder` holds no finished data set, or no variants where asked for.
     """
     entries = list(Manifest.read(folder).of(split))
-    large = Framing(framing.size * OVERSIZE, framing.foreground_ratio)
+    large = Framing(framing.size * oversize(framing.size), framing.foreground_ratio)
     files = [[folder / entry.file, *(variant_files(folder, entry) if variants else [])] for entry in entries]
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         shapes = list(threads.map(lambda paths: [_load_shape(path, large) for path in paths], files))
@@ -119,7 +119,8 @@ def draw_batch(examples: Examples, config: TrainConfig, step: int, light: Light 
         points.append(chosen * MIRROR if turned else chosen)
         if shape.colours is not None:
             colours.append(shape.colours[drawn])
-    images = augment(torch.from_numpy(np.stack(crops)).permute(0, 3, 1, 2), rng, examples.photographs, light)
+    views = torch.from_numpy(np.stack(crops)).permute(0, 3, 1, 2)
+    images = augment(views, config.framing.size, rng, examples.photographs, light)
     images[mirrored] = images[mirrored].flip(3)  # augmentation knows no left and right: last is cheapest
     canonical = torch.from_numpy(uniform_points(config, rng))
     coloured = torch.from_numpy(np.stack(colours)) if len(colours) == config.batch else None
@@ -151,8 +152,8 @@ def _epoch_slice(objects: int, config: TrainConfig, step: int) -> npt.NDArray[np
     return np.array([orders[epoch][position % objects] for epoch, position in zip(epochs, positions, strict=True)])
 
 
-def plain_images(crops: Bytes) -> Tensor:
-    """Stored crops over white, as the service shows them: (b, S, S, 4) uint8 -> (b, 3, S/2, S/2)."""
+def plain_images(crops: Bytes, size: int) -> Tensor:
+    """Stored crops over white, as the service shows them: (b, S, S, 4) uint8 -> (b, 3, size, size)."""
     pixels = torch.from_numpy(crops).permute(0, 3, 1, 2).float() / 255
     alpha = pixels[:, 3:]
-    return nnf.avg_pool2d(pixels[:, :3] * alpha + (1 - alpha), OVERSIZE)
+    return nnf.avg_pool2d(pixels[:, :3] * alpha + (1 - alpha), oversize(size))

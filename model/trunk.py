@@ -1,0 +1,104 @@
+"""What an image encoder begins with: convolutions, the paper's or pretrained ones, and fully connected layers."""
+
+from typing import Final
+
+import torch
+import torch.nn.functional as nnf
+from torch import Tensor, nn
+
+from model import pretrained
+from model.config import EncoderConfig
+from model.pretrained import Lite0
+
+DROPOUT: Final = 0.2  # of the maps that the pretrained convolutions end in
+HALF: Final = bool(torch.cpu.get_capabilities().get("amx_bf16"))  # this CPU multiplies bfloat16 matrices faster
+
+
+class DenseBlock(nn.Module):
+    """`convolutions` 3x3 convolutions, each seeing all maps before it and adding `growth`."""
+
+    def __init__(self, maps: int, growth: int, convolutions: int) -> None:
+        super().__init__()
+        self.layers = nn.ModuleList(
+            nn.Sequential(
+                nn.BatchNorm2d(maps + index * growth),
+                nn.ReLU(),
+                nn.Conv2d(maps + index * growth, growth, 3, padding=1, bias=False),
+            )
+            for index in range(convolutions)
+        )
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(b, maps, h, w) -> (b, maps + convolutions * growth, h, w)."""
+        for layer in self.layers:
+            x = torch.cat([x, layer(x)], dim=1)
+        return x
+
+
+class DenseMaps(nn.Sequential):
+    """The DenseNet of the paper's baseline encoder."""
+
+    def __init__(self, config: EncoderConfig) -> None:
+        blocks: list[nn.Module] = [nn.Conv2d(3, config.feature_maps[0], 3, stride=2, padding=1, bias=False)]
+        maps = config.feature_maps[0]
+        for growth in config.feature_maps:
+            blocks.append(DenseBlock(maps, growth, config.convolutions))
+            grown = maps + config.convolutions * growth
+            maps = grown // 2
+            blocks += [nn.BatchNorm2d(grown), nn.ReLU(), nn.Conv2d(grown, maps, 1, bias=False), nn.AvgPool2d(2)]
+        super().__init__(*blocks)
+        self.maps = maps
+        self.stride = 2 ** (1 + len(config.feature_maps))
+
+    def forward(self, images: Tensor) -> Tensor:
+        """(b, 3, s, s) in [0, 1] -> (b, `maps`, s / `stride`, s / `stride`)."""
+        maps: Tensor = super().forward(2 * images - 1)  # type: ignore[no-untyped-call]
+        return maps
+
+
+class LiteMaps(nn.Module):
+    """A pretrained EfficientNet-Lite0, its maps brought down to fewer."""
+
+    def __init__(self, config: EncoderConfig) -> None:
+        super().__init__()
+        self.lite0 = Lite0(config.frozen)
+        self.joined = nn.Conv2d(pretrained.MAPS, config.joined_maps, 1)
+        self.maps = config.joined_maps
+        self.stride = pretrained.STRIDE
+
+    def forward(self, images: Tensor) -> Tensor:
+        """(b, 3, s, s) in [0, 1] -> (b, `maps`, s / `stride`, s / `stride`)."""
+        return nnf.dropout(nnf.relu(self.joined(self.lite0(images))), DROPOUT, self.training)
+
+
+class ImageTrunk(nn.Module):
+    """What every method shares: an RGB image -> features (paper, appendix: baseline encoder).
+
+    `width` is how many features there are: the rank, or without one the last fully connected layer. In
+    training the trunk computes in bfloat16 where the CPU gains by it; in evaluation always in float32.
+    """
+
+    def __init__(self, config: EncoderConfig, size: int) -> None:
+        super().__init__()
+        self.features = DenseMaps(config) if config.trunk == "dense" else LiteMaps(config)
+        width = self.features.maps * (size // self.features.stride) ** 2
+        dense: list[nn.Module] = []
+        for n_out in config.fully_connected:
+            dense += [nn.Linear(width, n_out), nn.ReLU()]
+            width = n_out
+        if config.rank:
+            dense += [nn.Linear(width, config.rank), nn.LayerNorm(config.rank)]
+            width = config.rank
+        self.dense = nn.Sequential(*dense)
+        self.width = width
+
+    def forward(self, image: Tensor) -> Tensor:
+        """(b, 3, size, size) in [0, 1] -> (b, width)."""
+        return self.look(image)[1]
+
+    def look(self, image: Tensor) -> tuple[Tensor, Tensor]:
+        """The last feature maps (b, maps, side, side) of images (b, 3, size, size), and their features (b, width)."""
+        with torch.autocast("cpu", torch.bfloat16, enabled=HALF and self.training):
+            maps: Tensor = self.features(image)
+            features: Tensor = self.dense(maps.flatten(1))
+        return maps.float(), features.float()

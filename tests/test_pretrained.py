@@ -1,0 +1,92 @@
+"""The pretrained trunk: ImageNet's weights in our convolutions, trained, exported."""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import small_network
+import torch
+from torch import nn
+
+from model.checkpoints import load_network
+from model.config import TrainConfig
+from model.data.dataset import Batch
+from model.export import TOLERANCE, export
+from model.features import _Pooled
+from model.networks import ImageEncoder
+from model.pretrained import MAPS, MEAN, SPREAD, Lite0, load_imagenet
+from model.train import _State, _step
+from service.encoder import Encoder
+
+ENCODER = replace(small_network.ENCODER, trunk="lite0", joined_maps=4)
+CONFIG = replace(small_network.CONFIG, encoder=ENCODER, batch=4)
+
+
+@pytest.fixture(scope="module")
+def lite0() -> Lite0:
+    network = Lite0(frozen=3)
+    load_imagenet(network)
+    return network.eval()
+
+
+@torch.no_grad()
+def test_maps_are_those_of_the_published_network(lite0: Lite0) -> None:
+    published, images = _Pooled().network.eval(), torch.rand(2, 3, 128, 128)
+    x = published._swish(published._bn0(published._conv_stem((images - MEAN) / SPREAD)))
+    for block in published._blocks:
+        x = block(x)
+    found = lite0(images)
+    assert found.shape == (2, MAPS, 4, 4)
+    assert found.numpy() == pytest.approx(x.numpy(), abs=1e-3)
+
+
+def batch(config: TrainConfig) -> Batch:
+    torch.manual_seed(0)
+    shape = (config.batch, config.points, 3)
+    return Batch(torch.rand(config.batch, 3, 32, 32), torch.rand(shape) - 0.5, torch.rand(shape) - 0.5, None)
+
+
+def parts(state: _State) -> ImageEncoder:
+    encoder = state.network.encoder
+    assert isinstance(encoder, ImageEncoder)
+    return encoder
+
+
+def test_a_step_moves_what_is_not_frozen_and_the_pretrained_part_less(lite0: Lite0) -> None:
+    state = _State.begin(replace(CONFIG, weight_decay=0.0))
+    with ThreadPoolExecutor(1) as threads:
+        _step(state, batch(CONFIG), 0.5, threads)
+    now = state.network.get_submodule("encoder.features.lite0").state_dict()
+    moved = {name: float((now[name] - was).abs().max()) for name, was in lite0.state_dict().items()}
+    frozen = {name for name in moved if name.startswith(("stem.", "blocks.0.", "blocks.1.", "blocks.2."))}
+    assert {name for name, much in moved.items() if much == 0} >= frozen
+    assert {name for name, much in moved.items() if much > 0} == moved.keys() - frozen
+    rate = CONFIG.learning_rate / 2  # at half of the budget, and Adam's first step is as long as that
+    assert max(moved.values()) == pytest.approx(CONFIG.pretrained_rate * rate, rel=0.03)  # float32
+
+
+def test_another_trunk_starts_with_the_head_of_a_run(tmp_path: Path) -> None:
+    dense = _State.begin(small_network.CONFIG)
+    nn.init.normal_(parts(dense).head.linear.weight)
+    dense.average.load_state_dict(dense.network.state_dict())
+    dense.save(tmp_path, score=0)
+    started = _State.begin(replace(CONFIG, start=str(tmp_path / "last.pt")))
+    assert torch.equal(parts(started).head.linear.weight, parts(dense).head.linear.weight)
+
+
+def test_a_checkpoint_loads_without_the_published_weights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    state = _State.begin(CONFIG)
+    state.save(tmp_path, score=0)
+    monkeypatch.setattr("model.pretrained.load_imagenet", None)
+    network, config, _ = load_network(tmp_path / "last.pt")
+    assert config == CONFIG
+    images, canonical = torch.rand(1, 3, 32, 32), torch.rand(1, 5, 3)
+    found, kept = network(images, canonical).detach(), state.average(images, canonical).detach()
+    assert found.numpy() == pytest.approx(kept.numpy(), abs=1e-6)
+
+
+def test_torch_and_onnxruntime_agree(tmp_path: Path) -> None:
+    encoder, path = parts(_State.begin(CONFIG)).eval(), tmp_path / "lite0.onnx"
+    assert max(export(encoder, CONFIG, {"name": "lite0"}, path).values()) < TOLERANCE
+    assert Encoder.open(path, threads=1).framing == CONFIG.framing
