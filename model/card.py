@@ -8,10 +8,14 @@ from model.evaluate import Evaluation
 from model.metrics import NAMES, interval
 from model.provenance import provenance
 
+TRUNKS = {
+    "dense": "the paper's DenseNet, trained from scratch",
+    "lite0": "EfficientNet-Lite0's convolutions (Apache-2.0), trained on ImageNet before",
+}
 LIMITS = (
-    "Trained on renders of about 600 pieces of furniture, household things, vehicles, plants and people, stretched and "
-    "mirrored, seen from 5 degrees below to 55 degrees above, and on no photograph of an object: other things give "
-    "rough shapes that look like one of them.",
+    "Trained on renders of about 600 pieces of furniture, household things, vehicles, plants and people, stretched, "
+    "warped and mirrored, seen from 5 degrees below to 55 degrees above, and on no photograph of an object: other "
+    "things give rough shapes that look like one of them.",
     "The object frame has the front at +Z; from a view of the back the model must guess which way that is.",
     "Thin parts (chair legs, lamp stems) come out thicker or thinner than they are, and unseen sides are guesses.",
     "Scale is not known from a photo: the longest side is 1 unless you pass `scale`.",
@@ -39,6 +43,7 @@ def make_card(
         "name": name,
         "version": "1",
         "license": "Apache-2.0; trained on CC-BY and CC0 meshes, attribution in NOTICE",
+        "trunk": TRUNKS[config.encoder.trunk],
         "method": "Higher-Order Function networks (Mitchell, Engin, Isler, Lee; ICLR 2020)",
         "data": {"objects": sizes, "seed": manifest.seed, "licences": licences},
         "training": {
@@ -76,6 +81,7 @@ Written by `hof-model export` from the file's own metadata. `GET /model` serves 
 
 - **What**: one RGB image of an object -> theta, the {training["config"]["spec"]["name"]} mapping function of
   {parameters:,} numbers, to be applied k = {training["config"]["spec"]["k"]} times. {card["method"]}.
+- **Image encoder**: {card["trunk"]}; images of {training["config"]["framing"]["size"]} pixels a side.
 - **File**: `{card["name"]}.onnx`, {bytes_:,} bytes; matrices stored as float16, computed in float32.
 - **Licence**: {card["license"]}.
 - **Data**: {data["objects"]["train"]} training, {data["objects"]["val"]} validation and {data["objects"]["test"]} test

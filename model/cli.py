@@ -48,7 +48,7 @@ def _parser() -> argparse.ArgumentParser:
     stage.set_defaults(run=_retrain)
     _add_common(stage)
     stage.add_argument("methods", nargs="*", metavar="METHOD", help="of model/retrain.py; default: all")
-    stage.add_argument("--steps", type=int, default=3_000, help="of each")
+    stage.add_argument("--steps", type=int, default=1_500, help="of each")
     stage.add_argument("-o", "--output", type=Path, default=ROOT / "model" / "results", help="folder of the records")
     _add_results(stages)
     return parser
@@ -88,6 +88,7 @@ def _add_evaluate(stage: argparse.ArgumentParser) -> None:
     stage.add_argument("--run", type=Path, dest="folder", help="instead: a run of `hof-model train`, any method")
     stage.add_argument("--ceiling", action="store_true", help="instead: theta fitted to each object, the model's spec")
     stage.add_argument("--references", action="store_true", help="also the answers that need no training")
+    stage.add_argument("--photographs", action="store_true", help="with --run: also in front of photographs")
     stage.add_argument("--split", choices=SPLITS, default="val")
     stage.add_argument("-o", "--output", type=Path, help="write the raw metrics (JSON); the name counts for --run")
     stage.add_argument("--picture", type=Path, help="write a contact sheet of the model's predictions")
@@ -178,6 +179,7 @@ def _color(arguments: argparse.Namespace) -> None:
 def _evaluate(arguments: argparse.Namespace) -> None:
     from model import comparison
     from model.evaluate import cases
+    from model.perturb import Condition
     from model.sheets import first_objects
     from model.tables import card_table
     from service.encoder import Encoder
@@ -185,13 +187,16 @@ def _evaluate(arguments: argparse.Namespace) -> None:
     of = (arguments.data, arguments.split, arguments.seed)
     if arguments.folder:
         name = arguments.output.stem if arguments.output else arguments.folder.name
-        record = comparison.run_record(arguments.folder, name, *of)
+        hard: tuple[Condition, ...] = ("photograph",) if arguments.photographs else ()
+        record = comparison.run_record(arguments.folder, name, *of, ("plain", *hard))
     else:
         encoder = Encoder.open(arguments.model, threads=1)
         record = (comparison.ceiling_record if arguments.ceiling else comparison.encoder_record)(encoder, *of)
+    if arguments.references:
+        record = replace(record, evaluations=(*record.evaluations, *comparison.references(*of)))
     if arguments.output:
         record.write(arguments.output)
-    print(card_table([*record.evaluations, *(comparison.references(*of) if arguments.references else [])]))
+    print(card_table(record.evaluations))
     if arguments.picture:
         encoder = Encoder.open(arguments.model, threads=1)
         arguments.picture.parent.mkdir(parents=True, exist_ok=True)

@@ -57,8 +57,10 @@ def encoder_record(
     return _record(encoder.name, split, objects, evaluations, made, mapping_decoder(encoder))
 
 
-def run_record(run: Path, name: str, data: Path, split: Split, seed: int) -> Record:
-    """A trained network of any method, not exported, on a split."""
+def run_record(
+    run: Path, name: str, data: Path, split: Split, seed: int, conditions: tuple[Condition, ...] = ("plain",)
+) -> Record:
+    """A trained network of any method, not exported, on a split. Raises as `encoder_record`."""
     checkpoint = chosen_checkpoint(run)
     _, config, state = load_network(checkpoint)
     predict = load_predictor(checkpoint)
@@ -70,7 +72,8 @@ def run_record(run: Path, name: str, data: Path, split: Split, seed: int) -> Rec
     objects = list(cases(data, split))
     training = {"steps": state["step"], "minutes": round(state["elapsed_s"] / 60, 1), "config": config.to_dict()}
     made = {"training": training, **provenance(config.seed)}
-    return _record(name, split, objects, measure(name, answer, objects, data), made, network_decoder(checkpoint))
+    evaluations = [found for which in conditions for found in measure(name, answer, objects, data, which, seed=seed)]
+    return _record(name, split, objects, evaluations, made, network_decoder(checkpoint))
 
 
 def ceiling_record(encoder: Encoder, data: Path, split: Split, seed: int) -> Record:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from model import mixture_report, surfaces, tables
+from model import mixture_report, surfaces, tables, tried
 from model.asked import asked_table, checks
 from model.classes import class_of
 from model.color_figures import color_record, color_section
@@ -81,7 +81,7 @@ def report(models: Sequence[Path], data: Path, split: Split, root: Path, seed: i
     classes = [class_of(case.entry) for case in objects]
     asked = asked_table(checks(_evaluations(ours, others), ours.method, classes, shipped.bytes_, shipped.ms))
     measured = surfaces.section(surfaces.Trials.read(folder / surfaces.FILE))
-    sections = [measured, mixture_report.section(root), color_section(color) if color else ""]
+    sections = [tried.section(root), measured, mixture_report.section(root), color_section(color) if color else ""]
     page = markdown(ours, others, shipped, classes, asked, [section for section in sections if section])
     (root / "RESULTS.md").write_text(page, encoding="utf-8")
     return asked
@@ -209,8 +209,9 @@ def _trained(others: Sequence[Record]) -> str:
     )
     return f"""## Other methods
 
-The other shipped models, and methods that are only compared, trained by `hof-model train` and measured by `hof-model
-evaluate --run RUN --split test -o {FOLDER}/NAME.json`; the config of each is in its file.
+The other shipped models; methods that are only compared, which `hof-model retrain` trains anew and measures: one data
+set, split, image encoder (the paper's DenseNet, from scratch) and number of steps; and the ceiling, theta fitted to
+each object's points (`hof-model evaluate --ceiling`). The config of each is in its file.
 
 {known}"""
 

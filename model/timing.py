@@ -44,14 +44,16 @@ def mapping_decoder(encoder: Encoder) -> Decoder:
 
 
 def network_decoder(checkpoint: Path) -> Decoder:
-    """A trained network's decoder in torch on one thread: what all points take more than one point."""
+    """A trained network's decoder in torch on one thread: what it takes more than the image encoder before it."""
     network, config, _ = load_network(checkpoint)
     predict = load_predictor(checkpoint)
+    before = network.get_submodule("encoder" if isinstance(network, Hof) else "trunk")
     images = np.ones((1, 3, config.framing.size, config.framing.size), np.float32)
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
-        ms = median_ms(lambda: predict(images, POINTS, 0)) - median_ms(lambda: predict(images, 1, 0))
+        with torch.no_grad():
+            ms = median_ms(lambda: predict(images, POINTS, 0)) - median_ms(lambda: before(torch.from_numpy(images)))
     finally:
         torch.set_num_threads(threads)
     if isinstance(network, Hof):

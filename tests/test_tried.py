@@ -1,0 +1,41 @@
+"""Runs that were tried, in RESULTS.md."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import small_data
+import small_network
+
+from model import cli, tried
+from model.comparison import ORACLE
+from model.records import Record
+from model.tables import loss
+from model.train import _State
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("tried")
+    data = small_data.write(folder / "data", train=3, test=2)
+    state = _State(small_network.CONFIG)
+    state.step, state.elapsed_s = 1234, 90.0
+    (folder / "run").mkdir()
+    state.save(folder / "run", score=0)
+    asked = ["evaluate", "--run", str(folder / "run"), "--data", str(data), "--split", "test", "--photographs"]
+    assert cli.main([*asked, "--references", "-o", str(folder / tried.FOLDER / "run-1.json")]) == 0
+    return folder
+
+
+def test_a_run_and_the_oracle_beside_it_have_a_row_each(root: Path) -> None:
+    record = Record.read(root / tried.FOLDER / "run-1.json")
+    own, oracle = (line for line in tried.section(root).splitlines() if line.startswith(("| run-1", f"| {ORACLE}")))
+    assert own.startswith("| run-1 | 1,234 | 1.5 |")
+    assert own.endswith(f"| {loss(record.evaluations, 'run-1', 'photograph'):.1f}% |")
+    figures = next(found.column("f@2%") for found in record.evaluations if found.method == ORACLE)
+    assert f"{np.mean(figures):.3f} (" in oracle
+    assert "2 objects of the\ntest split" in tried.section(root)
+
+
+def test_without_records_there_is_no_section(tmp_path: Path) -> None:
+    assert tried.section(tmp_path) == ""
