@@ -61,7 +61,7 @@ class Block(nn.Module):
         super().__init__()
         wide = maps * expansion
         self.expand = nn.Conv2d(maps, wide, 1) if expansion > 1 else None
-        padding = kernel // 2 if stride == 1 else 0  # see `_padded`
+        padding = kernel // 2 if stride == 1 else kernel // 2 - 1  # the rest: `_padded`
         self.depthwise = nn.Conv2d(wide, wide, kernel, stride=stride, padding=padding, groups=wide)
         self.project = nn.Conv2d(wide, grown, 1)
         self.skips = stride == 1 and maps == grown
@@ -78,11 +78,14 @@ class Block(nn.Module):
 
 
 def _padded(x: Tensor, layer: nn.Conv2d) -> Tensor:
-    """What TensorFlow's `same` padding adds to that of a layer with stride 2: a row below, a column to the right."""
+    """TensorFlow's `same` padding of a layer with stride 2 has a row more below and a column more to the right.
+
+    Zeros of `pad` would cost the exporter its knowledge of shapes.
+    """
     if layer.stride[0] == 1:
         return x
-    before = layer.kernel_size[0] // 2
-    return nnf.pad(x, (before - 1, before, before - 1, before))
+    x = torch.cat([x, 0 * x[:, :, -1:]], dim=2)
+    return torch.cat([x, 0 * x[:, :, :, -1:]], dim=3)
 
 
 def load_imagenet(network: Lite0) -> None:
