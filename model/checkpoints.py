@@ -64,15 +64,16 @@ def load_encoder(checkpoint: Path) -> tuple[ImageEncoder, TrainConfig, dict[str,
 
 
 def load_predictor(checkpoint: Path) -> Predictor:
+    """The predictor of a checkpoint. Raises FileNotFoundError where there is none."""
+    network, config, _ = load_network(checkpoint)
+    return predictor(network, config)
+
+
+def predictor(network: nn.Module, config: TrainConfig) -> Predictor:
     """(images (b, 3, s, s) in [0, 1], n, seed) -> points (b, n, 3), all float32: any method alike.
 
     `direct` has 1,024 points of its own: it answers them in a seeded order, repeated where n is larger.
-
-    Raises
-    ------
-    FileNotFoundError : no such checkpoint.
     """
-    network, config, _ = load_network(checkpoint)
 
     @torch.no_grad()
     def predict(images: Floats, n: int, seed: int) -> Floats:

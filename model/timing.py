@@ -8,10 +8,10 @@ from typing import Final
 
 import numpy as np
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 from model.baselines import Hof
-from model.checkpoints import load_network, load_predictor
+from model.checkpoints import load_network, predictor
 from model.evaluate import POINTS, draw
 from model.records import Decoder
 from service.encoder import Encoder
@@ -43,24 +43,36 @@ def mapping_decoder(encoder: Encoder) -> Decoder:
     return Decoder(spec.size, len(spec.hidden) + 1, median_ms(lambda: draw(spec, theta)))
 
 
+class Seen(nn.Module):
+    """In the place of an image encoder: what it made of one image, whatever image comes."""
+
+    def __init__(self, features: Tensor) -> None:
+        super().__init__()
+        self.features = features
+
+    def forward(self, images: Tensor) -> Tensor:
+        """(b, 3, s, s) -> the one image's features."""
+        return self.features
+
+
 def network_decoder(checkpoint: Path) -> Decoder:
-    """A trained network's decoder in torch on one thread: what it takes more than the image encoder before it."""
+    """A trained network's decoder in torch on one thread, canonical points included."""
     network, config, _ = load_network(checkpoint)
-    predict = load_predictor(checkpoint)
-    before = network.get_submodule("encoder" if isinstance(network, Hof) else "trunk")
     images = np.ones((1, 3, config.framing.size, config.framing.size), np.float32)
-    threads = torch.get_num_threads()
+    before = "encoder" if isinstance(network, Hof) else "trunk"
+    with torch.no_grad():
+        setattr(network, before, Seen(network.get_submodule(before)(torch.from_numpy(images))))
+    predict, threads = predictor(network, config), torch.get_num_threads()
     torch.set_num_threads(1)
     try:
-        with torch.no_grad():
-            ms = median_ms(lambda: predict(images, POINTS, 0)) - median_ms(lambda: before(torch.from_numpy(images)))
+        ms = median_ms(lambda: predict(images, POINTS, 0))
     finally:
         torch.set_num_threads(threads)
     if isinstance(network, Hof):
-        return Decoder(config.spec.size, len(config.spec.hidden) + 1, round(ms, 2))
+        return Decoder(config.spec.size, len(config.spec.hidden) + 1, ms)
     linears = [
         module
         for name, module in network.named_modules()
         if isinstance(module, nn.Linear) and not name.startswith(("trunk", "code"))
     ]
-    return Decoder(sum(p.numel() for module in linears for p in module.parameters()), len(linears), round(ms, 2))
+    return Decoder(sum(p.numel() for module in linears for p in module.parameters()), len(linears), ms)
