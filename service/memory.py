@@ -12,9 +12,9 @@ VARIABLE: Final = "MALLOC_ARENA_MAX"
 def share_one_arena() -> bool:
     """Let all threads that begin later allocate from one arena, in this process and in those that it starts.
 
-    glibc gives each thread an arena of its own, which keeps what its largest image or cloud took: together a
-    quarter of the service's resident memory, and what made it grow for hours. Whoever sets VARIABLE is left
-    alone. Returns whether the C library took it.
+    glibc gives each thread an arena of its own, which keeps what its largest image or cloud took: much of the
+    service's resident memory, and what made it grow for hours (`make soak`). Whoever sets VARIABLE is left alone.
+    Returns whether the C library took it.
     """
     if not sys.platform.startswith("linux") or VARIABLE in os.environ:
         return False
