@@ -58,8 +58,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         f"# Soak: {requests:,} mixed requests, {CLIENTS} clients, {took:.0f} s\n\nWritten by `make soak`. "
         f"{made['machine']}; {made['date']}, commit {made['commit']}. The server has one core and `--threads 1`.\n\n"
         f"{asked_table(asked)}\n\n"
-        "New photos, repeats, points, surfaces, weights, lists, compositions, imports, deletions, bad bodies, unknown ids, "
-        "clients that leave. "
+        "New photos, repeats, points, surfaces, weights, lists, compositions, imports, deletions, bad bodies, "
+        "unknown ids, clients that leave. "
         f"Answers by status: {told}.\n\nResident memory after the first {WARM_UP:.0%}: {memory[-1] / MIB:.1f} "
         f"MiB at the end, {slope / MIB:+.2f} MiB per 100,000 requests, standard error {error / MIB:.2f}.\n"
     )
