@@ -112,8 +112,8 @@ class Visitor:
     async def ask(self, client: aiohttp.ClientSession, number: int) -> int:
         """One request. Returns its status, 0 where the client left."""
         if number < CLIENTS or not self._ids:
-            return await self._encode(client, next(self._photos))
-        ask, _ = self._dice.choices(KINDS, SHARES)[0]
+            return await self._new_photo(client)
+        ask = self._dice.choices([*KINDS], [*KINDS.values()])[0]
         return await ask(self, client)
 
     async def _new_photo(self, client: aiohttp.ClientSession) -> int:
@@ -181,21 +181,20 @@ class Visitor:
             return answer.status
 
 
-KINDS: Final = (  # each with its share of the requests, percent
-    (Visitor._new_photo, 14),
-    (Visitor._repeat, 12),
-    (Visitor._points, 33),
-    (Visitor._mesh, 4),
-    (Visitor._weights, 9),
-    (Visitor._list, 5),
-    (Visitor._compose, 3),
-    (Visitor._import, 3),
-    (Visitor._delete, 3),
-    (Visitor._bad_body, 5),
-    (Visitor._unknown, 4),
-    (Visitor._leave, 5),
-)
-SHARES: Final = [share for _, share in KINDS]
+KINDS: Final = {  # each with its share of the requests, percent
+    Visitor._new_photo: 14,
+    Visitor._repeat: 12,
+    Visitor._points: 33,
+    Visitor._mesh: 4,
+    Visitor._weights: 9,
+    Visitor._list: 5,
+    Visitor._compose: 3,
+    Visitor._import: 3,
+    Visitor._delete: 3,
+    Visitor._bad_body: 5,
+    Visitor._unknown: 4,
+    Visitor._leave: 5,
+}
 
 
 if __name__ == "__main__":

@@ -63,12 +63,6 @@ def load_encoder(checkpoint: Path) -> tuple[ImageEncoder, TrainConfig, dict[str,
     return network.encoder, config, run
 
 
-def load_predictor(checkpoint: Path) -> Predictor:
-    """The predictor of a checkpoint. Raises FileNotFoundError where there is none."""
-    network, config, _ = load_network(checkpoint)
-    return predictor(network, config)
-
-
 def predictor(network: nn.Module, config: TrainConfig) -> Predictor:
     """(images (b, 3, s, s) in [0, 1], n, seed) -> points (b, n, 3), all float32: any method alike.
 

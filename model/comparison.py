@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from model.ceiling import fit
-from model.checkpoints import chosen_checkpoint, load_network, load_predictor
+from model.checkpoints import chosen_checkpoint, load_network, predictor
 from model.data.manifest import Split
 from model.evaluate import POINTS, Case, Evaluation, cases, draw, encoder_answer, measure, measure_objects
 from model.metrics import compare, floor
@@ -62,8 +62,8 @@ def run_record(
 ) -> Record:
     """A trained network of any method, not exported, on a split. Raises as `encoder_record`."""
     checkpoint = chosen_checkpoint(run)
-    _, config, state = load_network(checkpoint)
-    predict = load_predictor(checkpoint)
+    network, config, state = load_network(checkpoint)
+    predict = predictor(network, config)
 
     def answer(photo: bytes, n: int) -> Floats:
         points: Floats = predict(preprocess(photo, config.framing).tensor, n, seed)[0]

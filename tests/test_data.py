@@ -11,10 +11,10 @@ from shapes import SHAPES, write_folder
 
 from model.data.build import build
 from model.data.dedupe import duplicates
-from model.data.manifest import Manifest, assign_splits
+from model.data.manifest import SIZE, Manifest, assign_splits
 from model.data.meshes import MeshRecord, folder_records
 from model.data.preview import preview
-from model.data.render import SIZE, VIEWS, render
+from model.data.render import VIEWS, render
 from model.data.surface import sample_surface
 from model.data.workers import run_isolated
 from service.picture import camera_axes

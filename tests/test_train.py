@@ -13,7 +13,7 @@ from shapes import write_folder
 
 from model import cli
 from model.baselines import make_network
-from model.checkpoints import chosen_checkpoint, load_encoder, load_network, load_predictor
+from model.checkpoints import chosen_checkpoint, load_encoder, load_network, predictor
 from model.config import EncoderConfig, TrainConfig
 from model.data.build import build
 from model.data.meshes import folder_records
@@ -184,7 +184,7 @@ def test_every_method_trains_with_the_late_loss_and_predicts(method: str, data: 
     config = replace(CONFIG, method=method, spec=replace(CONFIG.spec, domain=domain), minutes=0.02, late_from=0.0)  # type: ignore[arg-type]
     checkpoint = train(data, tmp_path, replace(config, late_points=64, late_target_points=80))
     assert records(tmp_path)[-1]["step"] > 0
-    predict = load_predictor(checkpoint)
+    predict = predictor(*load_network(checkpoint)[:2])
     images = np.random.default_rng(0).random((2, 3, 32, 32), np.float32)
     points = predict(images, 12_000, 7)
     assert points.shape == (2, 12_000, 3)

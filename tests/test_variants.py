@@ -12,9 +12,9 @@ from shapes import write_folder
 
 from model import cli
 from model.data.build import build
-from model.data.manifest import Manifest, variant_file, variant_files
+from model.data.manifest import SIZE, Manifest, variant_file, variant_files
 from model.data.meshes import MeshRecord, folder_records, load_parts
-from model.data.render import FILL, SIZE, shoot, stage
+from model.data.render import FILL, shoot, stage
 from model.data.variants import STRETCHED, free_cameras, scaled_points, stretch_factors, vary
 from model.data.warp import STRETCH, warped
 from service.picture import camera_axes

@@ -11,7 +11,8 @@ import torch.nn.functional as nnf
 from PIL import Image
 from torch import Tensor
 
-STORED: Final = 128  # pixels a side that views are rendered at
+from model.data.manifest import SIZE
+
 PLAIN_SHARE: Final = 0.45  # of the images stand on white, as the service's masked ones do
 ZOOM: Final = (0.88, 1.1)
 LOOSE_ZOOM: Final = (0.6, 1.15)  # before a background: no mask tells where the object ends
@@ -45,7 +46,7 @@ WHITE_LIGHT: Final = Light((0.9, 1.1), (0.97, 1.03), (0.9, 1.1), 0.0, 0.15)  # w
 
 def oversize(size: int) -> int:
     """How many pixels a stored crop has per pixel of an encoder's input of `size`: 2 where the renders hold so many."""
-    return 2 if 2 * size <= STORED else 1
+    return 2 if 2 * size <= SIZE else 1
 
 
 def augment(

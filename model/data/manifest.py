@@ -14,6 +14,7 @@ from model.files import whole_file
 Split = Literal["train", "val", "test"]
 SPLITS: Final[tuple[Split, ...]] = ("train", "val", "test")
 SHARES: Final = (0.8, 0.1, 0.1)
+SIZE: Final = 128  # pixels a side of the views that are rendered
 VARIANTS: Final = "variants"  # folder of what `hof-model data vary` writes, in the data set's folder
 
 

@@ -11,12 +11,12 @@ import pyvista
 import trimesh
 from PIL import Image
 
+from model.data.manifest import SIZE
 from model.data.meshes import MeshRecord, load_parts
 from model.data.surface import material_colour, material_image, sample_surface
 from service.picture import camera_axes
 
 VIEWS: Final = 24
-SIZE: Final = 128  # pixels
 SUPERSAMPLING: Final = 2
 POINTS: Final = 10_000
 ELEVATION_DEG: Final = (15.0, 35.0)
