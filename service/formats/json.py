@@ -5,6 +5,7 @@ Where points have colours, `"colors": [[red, green, blue], ...]` of 0 to 255 com
 
 from typing import Final
 
+from service.formats import text
 from service.mapping import Array, Colors
 
 MAX_POINTS: Final = 100_000
@@ -19,14 +20,12 @@ def head(n: int, bounds: tuple[Array, Array] | None = None) -> bytes:
 
 def body(points: Array) -> bytes:
     """Points (m, 3) -> m arrays with commas between, none at the ends."""
-    items = ",".join(["[%.9g,%.9g,%.9g]"] * len(points))
-    return (items % tuple(points.ravel().tolist())).encode("ascii")
+    return text.rows("[%.9g,%.9g,%.9g]", points, between=",")
 
 
 def colors(rows: Colors) -> bytes:
     """Colours (m, 3) -> m arrays with commas between, none at the ends."""
-    items = ",".join(["[%d,%d,%d]"] * len(rows))
-    return (items % tuple(rows.ravel().tolist())).encode("ascii")
+    return text.rows("[%d,%d,%d]", rows, between=",")
 
 
 def tail(n: int) -> bytes:

@@ -4,16 +4,14 @@ A vertex's colour stands behind its position: red, green, blue in [0, 1], sRGB. 
 MeshLab, Blender, three.js and trimesh read it, and what does not skips it.
 """
 
-from collections.abc import Iterator
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from service.formats import text
 from service.surface import Surface
 
 _HEADER: Final = b"# +Y is up, the front faces +Z\n"
-_ROWS: Final = 65_536  # lines formatted at a time: their Python numbers take ten times the memory of the arrays
 
 
 def dump(surface: Surface) -> bytes:
@@ -26,14 +24,8 @@ def dump(surface: Surface) -> bytes:
     return b"".join(
         [
             _HEADER,
-            *_lines(vertex, vertices),
-            *_lines("vn %.6g %.6g %.6g\n", surface.normals),
-            *_lines("f %d//%d %d//%d %d//%d\n", corners),
+            text.rows(vertex, vertices),
+            text.rows("vn %.6g %.6g %.6g\n", surface.normals),
+            text.rows("f %d//%d %d//%d %d//%d\n", corners),
         ]
     )
-
-
-def _lines(line: str, rows: npt.NDArray[Any]) -> Iterator[bytes]:
-    for start in range(0, len(rows), _ROWS):
-        some = rows[start : start + _ROWS]
-        yield (line * len(some) % tuple(some.ravel().tolist())).encode("ascii")

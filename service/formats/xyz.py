@@ -1,5 +1,6 @@
 """XYZ text: one point a line, six significant digits."""
 
+from service.formats import text
 from service.mapping import Array
 
 
@@ -10,5 +11,4 @@ def head(n: int, bounds: tuple[Array, Array] | None = None) -> bytes:
 
 def body(points: Array) -> bytes:
     """Points (m, 3) -> m lines."""
-    lines = "%.6g %.6g %.6g\n" * len(points)
-    return (lines % tuple(points.ravel().tolist())).encode("ascii")
+    return text.rows("%.6g %.6g %.6g\n", points)
