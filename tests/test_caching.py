@@ -93,6 +93,17 @@ def test_text_is_compressed_where_the_client_can_read_it(
     assert client.head(path, headers={"Accept-Encoding": "gzip"}).headers["content-encoding"] == "gzip"
 
 
+@pytest.mark.parametrize("kind", ["points?format=json", "points?format=xyz", "mesh?resolution=8"])
+def test_head_tells_no_length_where_only_the_whole_file_has_one(
+    client: httpx.Client, links: dict[str, str], kind: str
+) -> None:
+    link, query = kind.split("?")
+    answer = client.head(f"{links[link]}?{query}", headers={"Accept-Encoding": "identity"})
+    assert answer.status_code == 200
+    assert "content-length" not in answer.headers
+    assert client.get("/health/live").status_code == 200  # on the same connection
+
+
 def test_binary_formats_are_sent_as_they_are(client: httpx.Client, links: dict[str, str]) -> None:
     for name in ("ply", "npy", "glb", "f32"):
         answer = client.get(f"{links['points']}?format={name}", headers={"Accept-Encoding": "gzip"})

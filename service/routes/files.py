@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from typing import Annotated, Any, Final, Protocol
 
-from fastapi import Depends, Path
+from fastapi import Depends, Path, Response
 
 from service.caching import CACHE_CONTROL
 from service.errors import NotFound
@@ -57,3 +57,11 @@ def cached(tag: str) -> dict[str, str]:
 def attachment(id_: str, extension: str) -> dict[str, str]:
     """The header that names the file."""
     return {"Content-Disposition": f'attachment; filename="hof-{id_}{extension}"'}
+
+
+def head(headers: dict[str, str], media_type: str) -> Response:
+    """What HEAD answers for a file that nobody makes: without a Content-Length if `headers` has none."""
+    answer = Response(headers=headers, media_type=media_type)
+    if "Content-Length" not in headers:
+        del answer.headers["Content-Length"]  # of the empty body
+    return answer

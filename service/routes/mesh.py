@@ -13,7 +13,7 @@ from service.formats.mesh import MESH_FORMATS, MeshFormat
 from service.mapping import Functions, MappingSpec
 from service.points import check_cost, cost_of
 from service.queries import MeshQuery
-from service.routes.files import NOT_ACCEPTABLE, ObjectId, attachment, cached, file_responses
+from service.routes.files import NOT_ACCEPTABLE, ObjectId, attachment, cached, file_responses, head
 from service.runtime import Ready
 
 router = APIRouter(prefix="/objects", tags=["objects"])
@@ -42,7 +42,7 @@ async def mesh(request: Request, id_: ObjectId, query: Annotated[MeshQuery, Quer
         return Response(status_code=304, headers=headers)
     headers |= attachment(id_, fmt.extension)
     if "hof.head" in request.scope:
-        return Response(headers=headers, media_type=fmt.media_type)
+        return head(headers, fmt.media_type)
     with runtime.gates.points.admit(n * cost):
         data = await while_there(request, runtime.run(_file, fmt, record.spec, shown, query))
     return Response(data, headers=headers, media_type=fmt.media_type)

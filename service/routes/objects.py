@@ -24,7 +24,7 @@ from service.points import (
     stream,
 )
 from service.queries import NoQuery, PageQuery, PointsQuery, WeightsQuery
-from service.routes.files import BINARY, MISSING, NOT_ACCEPTABLE, ObjectId, attachment, cached, file_responses
+from service.routes.files import BINARY, MISSING, NOT_ACCEPTABLE, ObjectId, attachment, cached, file_responses, head
 from service.runtime import Ready
 from service.schemas import OVERLOADED, ObjectPage, Problem, StoredObject
 from service.store import Record
@@ -133,7 +133,7 @@ async def points(request: Request, id_: ObjectId, query: Annotated[PointsQuery, 
     if squeezed:
         headers["Content-Encoding"] = "gzip"
     if "hof.head" in request.scope:
-        return Response(headers=headers, media_type=fmt.media_type)
+        return head(headers, fmt.media_type)
     ahead = runtime.settings.threads
     pieces = stream(fmt, cloud, runtime.run, ahead)
     if squeezed:
