@@ -1,5 +1,6 @@
 """Servers as processes of their own, to be measured, killed and stopped; and what the kernel tells of them. Linux."""
 
+import ctypes
 import os
 import signal
 import socket
@@ -22,6 +23,8 @@ HOF: Final = str(Path(sys.executable).with_name("hof"))
 SERVER_CORE: Final = 0  # of a server under load; the load comes from the others
 START_TIMEOUT_S: Final = 120
 STOP_TIMEOUT_S: Final = 20
+PR_SET_PDEATHSIG: Final = 1  # linux/prctl.h: a signal for when the parent ends
+_C: Final = ctypes.CDLL(None)  # looked up before any fork
 
 
 def hof(threads: int, **settings: str | int) -> list[str]:
@@ -89,7 +92,7 @@ def serving(
             [part.replace("{port}", str(port)) for part in command],
             env={**os.environ, **set_for_all, **(environment or {})},
             start_new_session=True,
-            preexec_fn=lambda: os.sched_setaffinity(0, cores),  # its children too
+            preexec_fn=lambda: _begin(cores),
         )
         try:
             _wait(f"http://127.0.0.1:{port}{ready}", server)
@@ -101,6 +104,12 @@ def serving(
             with suppress(ProcessLookupError):  # nobody is left, as it should be
                 os.killpg(server.pid, signal.SIGKILL)  # its own session: nobody else is in it
             server.wait()
+
+
+def _begin(cores: set[int]) -> None:
+    """What a server does before it is one: keep to some cores, its children too, and end when we are killed."""
+    os.sched_setaffinity(0, cores)
+    _C.prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 def _free_port() -> int:

@@ -112,7 +112,9 @@ class Report:
             f"Written by `make bench`. {made['machine']}; pinned to one core; {made['date']}, seed {made['seed']}, "
             f"commit {made['commit']}. Medians of {self.rounds} rounds (decoders: at most 5), in which all ways run in "
             "turn; every time includes drawing the canonical points, by the same generator for all. "
-            f"OPENBLAS_NUM_THREADS={os.environ.get('OPENBLAS_NUM_THREADS', 'unset')}.\n\n"
+            f"OPENBLAS_NUM_THREADS={os.environ.get('OPENBLAS_NUM_THREADS', 'unset')}.\n"
+            "Many clients, overload and peers: [LOAD.md](LOAD.md). Memory over 200,000 requests: [SOAK.md](SOAK.md)."
+            "\n\n"
             f"{asked_table(self.asked)}\n\n"
         )
         path.write_text(page + "\n\n".join(self._sections) + "\n", encoding="utf-8")

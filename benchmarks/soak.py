@@ -27,7 +27,7 @@ from service.mapping import HOF_1, initial_theta
 
 CLIENTS: Final = 8
 SAMPLES: Final = 400  # of resident memory
-WARM_UP: Final = 0.3  # of the requests: the allocators have seen every size by then
+WARM_UP: Final = 0.3  # of the requests, all clients asking for the same: the allocators know every peak after that
 BLOCKS: Final = 10  # of the samples; their slopes tell how sure the whole one is
 LEAVE_AFTER_S: Final = 0.002
 NO_ANSWER: Final = 599  # counts as 5xx
@@ -83,7 +83,7 @@ async def _drive(url: str, pid: int, requests: int) -> tuple[list[int], Counter[
     """Resident memory at SAMPLES moments, and how many answers had which status (0: the client left)."""
     memory: list[int] = []
     statuses: Counter[int] = Counter()
-    visitor = Visitor(url)
+    visitor = Visitor(url, warm_up=int(WARM_UP * requests))
 
     async with session() as client:
 
@@ -100,11 +100,12 @@ async def _drive(url: str, pid: int, requests: int) -> tuple[list[int], Counter[
 
 
 class Visitor:
-    """Asks for one thing after another, by dice with a fixed seed."""
+    """Asks for one thing after another, by dice with fixed seeds. CLIENTS at a time of `warm_up` requests are alike."""
 
-    def __init__(self, url: str) -> None:
-        self._url = url
-        self._dice = random.Random(0)  # noqa: S311
+    def __init__(self, url: str, warm_up: int) -> None:
+        self._url, self._warm_up = url, warm_up
+        self._dice, self._objects = random.Random(0), random.Random(1)  # noqa: S311
+        self._thrown = self._dice.getstate()
         self._photos = photos(7)
         self._repeated = next(self._photos)
         self._ids: deque[str] = deque(maxlen=500)
@@ -113,6 +114,9 @@ class Visitor:
         """One request. Returns its status, 0 where the client left."""
         if number < CLIENTS or not self._ids:
             return await self._new_photo(client)
+        if number < self._warm_up and number % CLIENTS:
+            self._dice.setstate(self._thrown)
+        self._thrown = self._dice.getstate()
         ask = self._dice.choices([*KINDS], [*KINDS.values()])[0]
         return await ask(self, client)
 
@@ -137,16 +141,16 @@ class Visitor:
         return await self._send(client, "GET", "/objects?limit=20")
 
     async def _compose(self, client: aiohttp.ClientSession) -> int:
-        body = {"mode": "compose", "objects": self._dice.choices(self._ids, k=2)}
+        body = {"mode": "compose", "objects": self._objects.choices(self._ids, k=2)}
         return await self._send(client, "POST", "/compose", json.dumps(body).encode())
 
     async def _import(self, client: aiohttp.ClientSession) -> int:
-        theta = initial_theta(SPEC, seed=self._dice.getrandbits(31))
+        theta = initial_theta(SPEC, seed=self._objects.getrandbits(31))
         return await self._send(client, "POST", "/objects", dump(Weights(SPEC, theta, "soak"), "safetensors"))
 
     async def _delete(self, client: aiohttp.ClientSession) -> int:
         """Objects that a composed one names stay, with a 409; nobody asks for them again."""
-        name = self._dice.choice(self._ids)
+        name = self._objects.choice(self._ids)
         self._ids.remove(name)
         return await self._send(client, "DELETE", f"/objects/{name}")
 
@@ -167,7 +171,7 @@ class Visitor:
             return 0
 
     def _any_path(self) -> str:
-        return f"/objects/{self._dice.choice(self._ids)}"
+        return f"/objects/{self._objects.choice(self._ids)}"
 
     async def _encode(self, client: aiohttp.ClientSession, photo: bytes) -> int:
         async with client.post(f"{self._url}/encode", data=photo) as answer:
