@@ -26,7 +26,7 @@ from service import app, database, logs
 from service.access import keys_of
 from service.heads import bounded_heads
 from service.matting import Matting
-from service.memory import share_one_arena
+from service.memory import keep_for_good, share_one_arena
 from service.metrics import shared_by_workers
 from service.models import Models
 from service.settings import Settings
@@ -97,6 +97,11 @@ class Server(uvicorn.Server):
     def __init__(self, config: Config) -> None:
         super().__init__(config)
         self._drained_at: float | None = None
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Open the models and the store, and listen."""
+        await super().startup(sockets)
+        keep_for_good()
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """Take a signal: the first SIGTERM begins to drain, any other ends that."""
