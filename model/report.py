@@ -14,6 +14,7 @@ from model.data.manifest import Split
 from model.evaluate import POINTS, VIEWS, Evaluation, cases
 from model.perturb import CONDITIONS, FREE_VIEWS
 from model.records import Decoder, Record
+from model.retrain import COMPARED
 from model.sheets import SHOWN, SHOWN_PER_CLASS, everyday_objects, first_objects
 from model.timing import encoder_ms
 from service.encoder import Encoder
@@ -213,7 +214,21 @@ The other shipped models; methods that are only compared, which `hof-model retra
 set, split, image encoder (the paper's DenseNet, from scratch) and number of steps; and the ceiling, theta fitted to
 each object's points (`hof-model evaluate --ceiling`). The config of each is in its file.
 
-{known}"""
+{known}{_alike(others)}"""
+
+
+def _alike(others: Sequence[Record]) -> str:
+    """The compared methods against HOF-1 with k = 2, where all of them were trained."""
+    same = [record for record in others if record.method.partition(",")[0] in COMPARED]
+    base = next((record.method for record in same if record.method.startswith("hof1-k2,")), None)
+    if base is None:
+        return ""
+    return f"""
+
+Among those that differ in the decoder alone, object by object as above. A distance above 0 or an F-score below 0 in
+bold is where HOF does not win.
+
+{tables.differences([found for record in same for found in record.evaluations], base)}"""
 
 
 def _pictures(ours: Record, shipped: Shipped) -> str:

@@ -26,6 +26,9 @@ def root(data: Path, model_path: Path, tmp_path_factory: pytest.TempPathFactory)
     rival = Record.read(folder / "model/results/rival.json")
     renamed = replace(rival, method="rival", evaluations=tuple(replace(e, method="rival") for e in rival.evaluations))
     renamed.write(folder / "model/results/rival.json")
+    for method in ("hof1-k2, 9 steps", "direct, 9 steps"):
+        alike = tuple(replace(e, method=method) for e in rival.evaluations)
+        replace(rival, method=method, evaluations=alike).write(folder / f"model/results/compared-{method[:6]}.json")
     spec = replace(tiny_model.SPEC, k=4)
     beside = tiny_model.build(folder / "k4.onnx", spec, meta=tiny_model.metadata(spec, "tiny-k4"))
     assert cli.main(["mixtures", "--model", str(model_path), "--data", str(data), "-o", str(folder)]) == 0
@@ -62,6 +65,13 @@ def test_another_shipped_model_is_compared_and_told(root: Path) -> None:
     assert "sha256 " + record.made["digest"][:16] not in page  # the page's model is the first
     assert page.count("| tiny-k4 |") == 3  # compared, its differences, among the other methods
     assert f"| {record.made['digest'][:16]} |" in page
+
+
+def test_methods_that_were_trained_alike_are_set_against_hof(root: Path) -> None:
+    page = (root / "RESULTS.md").read_text()
+    table = page[page.index("| hof1-k2, 9 steps minus |") :].split("\n\n")[0].splitlines()
+    assert [row.split(" | ")[0] for row in table[2:]] == ["| direct, 9 steps"]
+    assert "+0.000 (+0.000 to +0.000)" in table[2]
 
 
 def test_the_raw_metrics_are_behind_it(root: Path) -> None:
