@@ -30,8 +30,8 @@ def share_one_arena() -> bool:
 def keep_for_good() -> None:
     """Leave all objects that there are out of every later garbage collection.
 
-    A start makes several hundred thousand, which stay. To look through them took a collection 0.1 s of a core every
-    few seconds of load, in which nobody was answered, and put collections off so long that garbage heaped up.
+    A start makes several hundred thousand, which stay. Under load a full collection looked through them every few
+    seconds, and nobody was answered meanwhile.
     """
     gc.collect()
     gc.freeze()

@@ -99,7 +99,7 @@ class Server(uvicorn.Server):
         self._drained_at: float | None = None
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Open the models and the store, and listen."""
+        """Open the models and the store, and listen; what that made is kept for good."""
         await super().startup(sockets)
         keep_for_good()
 
