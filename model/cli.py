@@ -120,6 +120,7 @@ def _add_train(stage: argparse.ArgumentParser) -> None:
     stage.add_argument("--learning-rate", type=float, default=7e-4)
     stage.add_argument("--projection", type=float, default=0.0, help="lambda of the projection regularisation")
     stage.add_argument("--variants", action="store_true", help="train on the stretched shapes too")
+    stage.add_argument("--made", action="store_true", help="train on the furniture made by rule too")
     stage.add_argument(
         "--late-from",
         type=float,
@@ -163,6 +164,7 @@ def _train(arguments: argparse.Namespace) -> None:
         late_points=arguments.late_points,
         late_target_points=arguments.late_target_points,
         variants=arguments.variants,
+        made=arguments.made,
         start=str(arguments.start) if arguments.start else None,
     )
     checkpoint = train(arguments.data, arguments.folder, config)

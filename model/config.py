@@ -45,6 +45,7 @@ class TrainConfig:
     late_from : share of the budget after which `late_chamfer` takes the place of the squared loss, on
         `late_points` and `late_target_points`; 1 is never.
     variants : draw from the stretched shapes too, not from the data set's own alone.
+    made : draw from the furniture made by rule too.
     pretrained_rate : share of the learning rate that a pretrained trunk has.
     start : checkpoint whose weights the run starts from: for another spec those of its trunk, for another trunk
         those of its head; None starts anew.
@@ -69,6 +70,7 @@ class TrainConfig:
     late_points: int = 1_536
     late_target_points: int = 3_000
     variants: bool = False
+    made: bool = False
     start: str | None = None
 
     def to_dict(self) -> dict[str, Any]:

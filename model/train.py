@@ -51,7 +51,7 @@ def train(data: Path, run: Path, config: TrainConfig) -> Path:
     run.mkdir(parents=True, exist_ok=True)
     keep_freed_memory()
     state = _State.resume(run) if (run / "last.pt").exists() else _State.begin(config)
-    examples = load_examples(data, "train", state.config.framing, variants=state.config.variants)
+    examples = load_examples(data, "train", state.config.framing, state.config.variants, state.config.made)
     validation = load_examples(data, "val", state.config.framing, variants=False)
     with (
         ThreadPoolExecutor(os.cpu_count()) as threads,

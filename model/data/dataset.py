@@ -2,7 +2,7 @@
 
 import os
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
@@ -15,7 +15,7 @@ from torch import Tensor
 
 from model.config import TrainConfig
 from model.data.augment import ANY_LIGHT, Light, augment, oversize
-from model.data.manifest import Entry, Manifest, Split, variant_files
+from model.data.manifest import Entry, Manifest, Split, made_files, variant_files
 from model.data.photographs import photograph_files
 from service.canonical import canonical_points
 from service.images import Framing, frame
@@ -24,6 +24,7 @@ Bytes = npt.NDArray[np.uint8]
 Floats = npt.NDArray[np.float32]
 
 VISIBLE: Final = 0.005  # of a view's pixels: a flat object seen from its edge shows nothing, and is left out
+MADE_A_DRAW: Final = 6  # pieces that share an object's turn: 2,000 of them are a third of the batches
 MIRROR: Final = np.array([-1, 1, 1], np.float32)  # left and right exchanged, object frame
 
 
@@ -49,11 +50,13 @@ class Examples:
     shapes : per object the object itself; with variants then the same under free cameras, and in the
         training split its stretched and warped copies.
     photographs : files of what may stand behind them.
+    made : made furniture, MADE_A_DRAW pieces each, drawn as often as an object.
     """
 
     entries: list[Entry]
     shapes: list[list[Shape]]
     photographs: tuple[Path, ...]
+    made: list[list[Shape]] = field(default_factory=list)
 
     def front(self, view: int) -> tuple[Bytes, Floats]:
         """View `view` of every object as the data set was built: crops (objects, S, S, 4), points
@@ -69,19 +72,24 @@ class Examples:
         return np.stack([one.crops[view] for one in chosen]), np.stack([one.points for one in chosen])
 
 
-def load_examples(folder: Path, split: Split, framing: Framing, variants: bool = False) -> Examples:
-    """Read a split and frame its views once; with `variants` also what `hof-model data vary` wrote.
+def load_examples(
+    folder: Path, split: Split, framing: Framing, variants: bool = False, made: bool = False
+) -> Examples:
+    """Read a split and frame its views once; with `variants` also what `hof-model data vary` wrote, with `made`
+    what `make` did.
 
     Raises
     ------
-    FileNotFoundError : `folder` holds no finished data set, or no variants where asked for.
+    FileNotFoundError : `folder` holds no finished data set, or no variants or made furniture where asked for.
     """
     entries = list(Manifest.read(folder).of(split))
     large = Framing(framing.size * oversize(framing.size), framing.foreground_ratio)
     files = [[folder / entry.file, *(variant_files(folder, entry) if variants else [])] for entry in entries]
+    pieces = made_files(folder) if made else []
+    files += [pieces[start : start + MADE_A_DRAW] for start in range(0, len(pieces), MADE_A_DRAW)]
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         shapes = list(threads.map(lambda paths: [_load_shape(path, large) for path in paths], files))
-    return Examples(entries, shapes, photograph_files(folder))
+    return Examples(entries, shapes[: len(entries)], photograph_files(folder), shapes[len(entries) :])
 
 
 def _load_shape(path: Path, framing: Framing) -> Shape:
@@ -105,14 +113,15 @@ class Batch:
 def draw_batch(examples: Examples, config: TrainConfig, step: int, light: Light = ANY_LIGHT) -> Batch:
     """The batch of a step: a function of (seed, step) alone, so that a resumed run sees the same data.
 
-    Each object comes as one of all its views, those of its variants included, and half of them mirrored:
+    Each object, and each group of made pieces, comes as one of all its views, those of its variants included, and half of them mirrored:
     an image flipped left to right shows the shape with x negated.
     """
     rng = np.random.default_rng([config.seed, step])
     mirrored = rng.random(config.batch) < 0.5
     crops, points, colours = [], [], []
-    for number, turned in zip(_epoch_slice(len(examples.entries), config, step), mirrored, strict=True):
-        shape, view = _any_view(examples.shapes[number], rng)
+    drawn_from = [*examples.shapes, *examples.made]
+    for number, turned in zip(_epoch_slice(len(drawn_from), config, step), mirrored, strict=True):
+        shape, view = _any_view(drawn_from[number], rng)
         drawn = rng.integers(len(shape.points), size=config.target_points)
         chosen = shape.points[drawn]
         crops.append(shape.crops[view])

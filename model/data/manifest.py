@@ -16,6 +16,7 @@ SPLITS: Final[tuple[Split, ...]] = ("train", "val", "test")
 SHARES: Final = (0.8, 0.1, 0.1)
 SIZE: Final = 128  # pixels a side of the views that are rendered
 VARIANTS: Final = "variants"  # folder of what `hof-model data vary` writes, in the data set's folder
+MADE: Final = "made"  # of what `hof-model data make` writes
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,19 @@ def variant_files(folder: Path, entry: Entry) -> list[Path]:
     files = [first]
     while (following := variant_file(folder, entry, len(files))).is_file():
         files.append(following)
+    return files
+
+
+def made_files(folder: Path) -> list[Path]:
+    """The made furniture in a data set's folder, in order of its numbers.
+
+    Raises
+    ------
+    FileNotFoundError : there is none.
+    """
+    files = sorted((folder / MADE).glob("*.npz"))
+    if not files:
+        raise FileNotFoundError(f"{folder} holds no made furniture: run `hof-model data make --data {folder}` first")
     return files
 
 

@@ -1,4 +1,4 @@
-"""`hof-model data`: build a data set, vary it, look at it."""
+"""`hof-model data`: build a data set, vary it, add made furniture, look at it."""
 
 import argparse
 import os
@@ -32,6 +32,12 @@ def add_stages(data: "argparse._SubParsersAction[argparse.ArgumentParser]") -> N
     )
     vary.add_argument("--views", type=int, default=12, help="per shape")
     vary.add_argument("--processes", type=int, default=os.cpu_count() or 1)
+    make = data.add_parser("make", help="make furniture by rule, for training only")
+    make.set_defaults(run=_make)
+    make.add_argument("--data", type=Path, default=DATA)
+    make.add_argument("--pieces", type=int, default=2_000)
+    make.add_argument("--views", type=int, default=10, help="per piece")
+    make.add_argument("--processes", type=int, default=os.cpu_count() or 1)
     photographs = data.add_parser("photographs", help="download free photographs to stand behind objects in training")
     photographs.set_defaults(run=_photographs)
     photographs.add_argument("--data", type=Path, default=DATA)
@@ -70,6 +76,16 @@ def _vary(arguments: argparse.Namespace) -> None:
     records = _records(arguments, arguments.data)
     failures = vary(records, arguments.data, arguments.variants, arguments.views, arguments.processes)
     print(f"{len(failures)} failures: {arguments.data / VARIANTS}")
+
+
+def _make(arguments: argparse.Namespace) -> None:
+    from model.data.made import make
+    from model.data.manifest import MADE
+
+    failures = make(arguments.data, arguments.pieces, arguments.views, arguments.processes)
+    for number, failure in failures.items():
+        print(f"skipped {number}: {failure}")
+    print(f"{len(failures)} failures: {arguments.data / MADE}")
 
 
 def _photographs(arguments: argparse.Namespace) -> None:
