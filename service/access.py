@@ -17,6 +17,8 @@ from service.keys import Keys
 from service.problems import respond
 from service.settings import Settings
 
+MAX_DROPPED: Final = 65_536  # bytes of a refused request's body; to take those costs less than another connection
+
 OPEN: Final = frozenset(
     {
         "/",
@@ -158,6 +160,6 @@ def _refusal_headers(error: HofError, scope: Scope, needed: str) -> dict[str, st
     elif isinstance(error, Forbidden):
         headers["WWW-Authenticate"] = f'Bearer realm="hof", error="insufficient_scope", scope="{needed}"'
     asked = Headers(scope=scope)
-    if "transfer-encoding" in asked or asked.get("content-length", "0") != "0":
+    if "transfer-encoding" in asked or "expect" in asked or int(asked.get("content-length", "0")) > MAX_DROPPED:
         headers["Connection"] = "close"  # the body stays unread
     return headers

@@ -1,14 +1,18 @@
-"""The database of objects: its tables, and how it is opened. SQLite by default, PostgreSQL by URL."""
+"""The database of objects: its tables, how it is opened, and its transactions. SQLite by default, PostgreSQL by URL."""
 
+import asyncio
 import sqlite3
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Protocol, TypeVar
 
 from sqlalchemy import (
     BigInteger,
     Column,
     Connection,
     DateTime,
+    Engine,
     ForeignKey,
     Index,
     Integer,
@@ -29,7 +33,10 @@ from sqlalchemy.ext.asyncio import AsyncEngine, create_async_engine
 
 from service.errors import UnusableStore
 
-ASYNC_DRIVERS: Final = {"sqlite": "sqlite+aiosqlite", "postgresql": "postgresql+asyncpg"}
+R = TypeVar("R")
+Work = Callable[[Connection], R]
+
+DRIVERS: Final = {"postgresql": "postgresql+asyncpg"}
 BUSY_TIMEOUT_MS: Final = 10_000
 # Statements without a name and without a cache: behind PgBouncer the next transaction may have another connection.
 ASYNCPG: Final[dict[str, Any]] = {
@@ -49,7 +56,7 @@ REMEDIES: Final = {
 # SQLite, to which a quota is an error of input and output, and PostgreSQL (disk_full).
 FULL_SQLITE: Final = {sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR_WRITE, sqlite3.SQLITE_IOERR_SHMSIZE}
 FULL_SQLSTATE: Final = "53100"
-SQLITE_CONNECTIONS: Final = 4  # each has a thread; of writers one works at a time anyway
+SQLITE_CONNECTIONS: Final = 4  # of writers one works at a time anyway
 POOL_TIMEOUT_S: Final = 30  # that a call waits for one; as long as a store that is only busy counts as ready
 
 METADATA: Final = MetaData()
@@ -79,7 +86,77 @@ uses: Final = Table(
 )
 
 
-async def connect(url: str) -> AsyncEngine:
+class Database(Protocol):
+    """Transactions on the connections of a pool."""
+
+    dialect: str
+
+    async def run(self, work: Work[R]) -> R:
+        """Call a function with a connection. What it writes is on disk when this returns; nothing is if it raises.
+
+        Raises
+        ------
+        sqlalchemy.exc.TimeoutError : others kept all connections for too long.
+        """
+
+    async def close(self) -> None:
+        """Close all connections."""
+
+
+class OnThreads:
+    """SQLite, whose calls block: a transaction is one job of a thread, not a job each statement."""
+
+    def __init__(self, engine: Engine) -> None:
+        self.dialect = engine.dialect.name
+        self._engine = engine
+        self._threads = ThreadPoolExecutor(SQLITE_CONNECTIONS, thread_name_prefix="sqlite")
+        self._free = asyncio.Semaphore(SQLITE_CONNECTIONS)
+
+    async def run(self, work: Work[R]) -> R:
+        """As `Database.run`. A transaction that has begun ends as it would, also for a client that leaves."""
+        await self._acquire()
+        job = asyncio.wrap_future(self._threads.submit(self._transaction, work))
+        job.add_done_callback(lambda _: self._free.release())
+        return await asyncio.shield(job)
+
+    async def _acquire(self) -> None:
+        if not self._free.locked():  # a timer costs more than that
+            await self._free.acquire()
+            return
+        try:
+            async with asyncio.timeout(POOL_TIMEOUT_S):
+                await self._free.acquire()
+        except TimeoutError:
+            raise PoolTimeout(f"no connection was free for {POOL_TIMEOUT_S} s") from None
+
+    def _transaction(self, work: Work[R]) -> R:
+        with self._engine.begin() as connection:
+            return work(connection)
+
+    async def close(self) -> None:
+        """As `Database.close`, when what has begun has ended."""
+        await asyncio.to_thread(self._threads.shutdown)
+        self._engine.dispose()
+
+
+class OnLoop:
+    """PostgreSQL, whose driver waits on the event loop."""
+
+    def __init__(self, engine: AsyncEngine) -> None:
+        self.dialect = engine.dialect.name
+        self._engine = engine
+
+    async def run(self, work: Work[R]) -> R:
+        """As `Database.run`."""
+        async with self._engine.begin() as connection:
+            return await connection.run_sync(work)
+
+    async def close(self) -> None:
+        """As `Database.close`."""
+        await self._engine.dispose()
+
+
+async def connect(url: str) -> Database:
     """Open `sqlite:///PATH` or `postgresql://...`; make the file and the tables where missing, migrate older ones.
 
     Raises
@@ -91,32 +168,29 @@ async def connect(url: str) -> AsyncEngine:
 
     parsed = _parse(url)
     try:
-        engine = _engine(parsed.set(drivername=ASYNC_DRIVERS.get(parsed.drivername, parsed.drivername)))
+        database = _database(parsed.set(drivername=DRIVERS.get(parsed.drivername, parsed.drivername)))
         try:
-            async with engine.begin() as connection:
-                await connection.run_sync(migrate)
+            await database.run(migrate)
         except BaseException:
-            await engine.dispose()
+            await database.close()
             raise
     except Exception as error:  # each driver has classes of its own
         raise _unusable(parsed, error) from error
-    return engine
+    return database
 
 
 async def check(url: str) -> None:
     """Open a database as `connect` does, see that it can be written, read all of it where it is a file, close it.
     Raises UnusableStore."""
-    engine = await connect(url)
+    database = await connect(url)
     try:
-        async with engine.begin() as connection:
-            await connection.execute(objects.delete().where(objects.c.id == ""))
-        if engine.dialect.name == "sqlite":
-            async with engine.begin() as connection:
-                await connection.run_sync(_check_file)
+        await database.run(lambda connection: connection.execute(objects.delete().where(objects.c.id == "")))
+        if database.dialect == "sqlite":
+            await database.run(_check_file)
     except Exception as error:
         raise _unusable(_parse(url), error) from error
     finally:
-        await engine.dispose()
+        await database.close()
 
 
 def _check_file(connection: Connection) -> None:
@@ -125,12 +199,10 @@ def _check_file(connection: Connection) -> None:
         raise UnusableStore(f"{told.splitlines()[-1]}; {REMEDIES[sqlite3.SQLITE_CORRUPT]}")
 
 
-def is_full(error: DBAPIError) -> bool:
+def is_full(error: DBAPIError | PoolTimeout) -> bool:
     """Whether a write failed for want of space."""
-    return (
-        getattr(error.orig, "sqlite_errorcode", None) in FULL_SQLITE
-        or getattr(error.orig, "sqlstate", None) == FULL_SQLSTATE
-    )
+    cause = getattr(error, "orig", None)
+    return getattr(cause, "sqlite_errorcode", None) in FULL_SQLITE or getattr(cause, "sqlstate", None) == FULL_SQLSTATE
 
 
 def is_busy(error: DBAPIError | PoolTimeout) -> bool:
@@ -156,18 +228,18 @@ def _unusable(url: URL, error: Exception) -> UnusableStore:
     return UnusableStore(f"cannot open the database {shown}: {told}" + (f"; {remedy}" if remedy else ""))
 
 
-def _engine(url: URL) -> AsyncEngine:
+def _database(url: URL) -> Database:
     if url.get_backend_name() != "sqlite":
         is_asyncpg = url.get_driver_name() == "asyncpg"
         connect_args = ASYNCPG if is_asyncpg else {}
-        return create_async_engine(url, pool_pre_ping=True, pool_timeout=POOL_TIMEOUT_S, connect_args=connect_args)
+        return OnLoop(
+            create_async_engine(url, pool_pre_ping=True, pool_timeout=POOL_TIMEOUT_S, connect_args=connect_args)
+        )
     if url.database and not url.database.startswith("file:"):  # a URI's folder is its own matter
         Path(url.database).parent.mkdir(parents=True, exist_ok=True)
-    # Where this fails, aiosqlite would leave a thread behind that fails once more.
-    create_engine(url.set(drivername="sqlite")).connect().close()
-    engine = create_async_engine(url, pool_size=SQLITE_CONNECTIONS, max_overflow=0, pool_timeout=POOL_TIMEOUT_S)
-    event.listen(engine.sync_engine, "connect", _configure_sqlite)
-    return engine
+    engine = create_engine(url, pool_size=SQLITE_CONNECTIONS, max_overflow=0)
+    event.listen(engine, "connect", _configure_sqlite)
+    return OnThreads(engine)
 
 
 def _configure_sqlite(connection: DBAPIConnection, _: object) -> None:

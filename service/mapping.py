@@ -9,6 +9,7 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
 from typing import Any, Final, Literal, get_args
 
 import numpy as np
@@ -26,6 +27,7 @@ MAX_WIDTH: Final = 65_536
 MAX_HIDDEN_LAYERS: Final = 64
 MAX_K: Final = 16
 MAX_SIZE: Final = 16_777_216  # numbers in theta: 64 MiB
+CACHED_SPECS: Final = 64  # whose JSON is kept: those of the models, whatever is imported beside them
 
 
 @dataclass(frozen=True)
@@ -95,6 +97,7 @@ class MappingSpec:
         """How many numbers theta has: 7,171 for HOF-1."""
         return sum(n_out * n_in + n_out for n_out, n_in in self.shapes)
 
+    @lru_cache(CACHED_SPECS)  # noqa: B019 - what it keeps are values
     def to_json(self) -> str:
         """The spec as one line of JSON, keys sorted: equal specs give equal text."""
         return json.dumps(asdict(self), sort_keys=True, separators=(",", ":"))

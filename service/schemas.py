@@ -3,6 +3,7 @@
 import base64
 from dataclasses import asdict
 from datetime import datetime
+from functools import lru_cache
 from typing import Annotated, Any, Final, Literal
 
 import numpy as np
@@ -11,7 +12,7 @@ from pydantic.json_schema import SkipJsonSchema
 
 from service.encoder import Encoder
 from service.images import Framed, Mask
-from service.mapping import Activation, Array, Domain, Functions, MappingSpec
+from service.mapping import CACHED_SPECS, Activation, Array, Domain, Functions, MappingSpec
 from service.store import Kind, Record
 
 
@@ -27,6 +28,7 @@ class Spec(BaseModel):
     domain: Domain = Field(description="canonical set, sampled uniformly; radius 1, or [-1, 1]^3")
 
     @classmethod
+    @lru_cache(CACHED_SPECS)
     def of(cls, spec: MappingSpec) -> "Spec":
         """The spec as it is shown."""
         return cls(**asdict(spec))

@@ -4,22 +4,22 @@ SQLAlchemy Core. An object is never changed once written: it is put, read, liste
 """
 
 import base64
-from collections.abc import AsyncIterator, Sequence
-from contextlib import asynccontextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any, Final, Literal
+from functools import lru_cache, partial
+from typing import Any, Final, Literal, TypeVar
 
 import numpy as np
-from sqlalchemy import Row, bindparam, select
+from sqlalchemy import Connection, Row, bindparam, select
 from sqlalchemy.exc import DBAPIError, IntegrityError
 from sqlalchemy.exc import TimeoutError as PoolTimeout
-from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine
 
-from service.database import connect, is_busy, is_full, objects, uses
+from service.database import Database, Work, connect, is_busy, is_full, objects, uses
 from service.errors import InUse, InvalidParameter, NotFound, Overloaded, StoreFull
-from service.mapping import Array, Color, Functions, MappingSpec, joined
+from service.mapping import CACHED_SPECS, Array, Color, Functions, MappingSpec, joined
 
+R = TypeVar("R")
 Kind = Literal["encoded", "imported", "composed", "interpolated"]
 
 MAX_SEQ: Final = 2**63 - 1
@@ -49,13 +49,13 @@ class Record:
 
 
 class Store:
-    """The objects behind one connection pool; what a method writes is one short transaction.
+    """The objects of a database; each step of a method is one short transaction.
 
     Any method raises Overloaded where others keep the database for too long.
     """
 
-    def __init__(self, engine: AsyncEngine) -> None:
-        self._engine = engine
+    def __init__(self, database: Database) -> None:
+        self._database = database
 
     @classmethod
     async def open(cls, url: str) -> "Store":
@@ -64,12 +64,11 @@ class Store:
 
     async def close(self) -> None:
         """Close all connections."""
-        await self._engine.dispose()
+        await self._database.close()
 
     async def ping(self) -> None:
         """Ask the database for nothing. Raises Overloaded, or what SQLAlchemy raises when it does not answer."""
-        async with self._connection() as connection:
-            await connection.execute(select(1))
+        await self._run(lambda connection: connection.execute(select(1)))
 
     async def put(self, record: Record, functions: Functions | None) -> tuple[Record, bool]:
         """Keep an object under ``record.id`` unless there is one.
@@ -101,9 +100,7 @@ class Store:
             # In one order, whatever was asked for: two calls for the same words do not wait for each other in turn.
             fresh = sorted((pair for pair in proposed if pair[0].id not in kept), key=lambda pair: pair[0].members)
             try:
-                async with self._transaction() as connection:
-                    for record, functions in fresh:
-                        await _insert(connection, record, functions)
+                await self._run(partial(_insert_all, pairs=fresh))
             except IntegrityError:
                 kept = await self.records([record.id for record, _ in proposed])
                 for record, _ in fresh:
@@ -115,18 +112,7 @@ class Store:
     async def find(self, object_id: str) -> tuple[Record, Functions] | None:
         """The object of that id and its functions; of a composed object those of its word, in order. None where
         there is none."""
-        async with self._connection() as connection:
-            row = (await connection.execute(ONE, {"of": object_id})).first()
-            if row is None:
-                return None
-            record = _record(row)
-            if record.kind != "composed":
-                return record, _functions(row)
-            query = select(objects).where(objects.c.id.in_(record.members))
-            found = {each.id: _functions(each) for each in await connection.execute(query)}
-        if found.keys() != set(record.members):
-            return None  # deleted between the two queries, and then an object of its word
-        return record, joined([found[member] for member in record.members])
+        return await self._run(partial(_find, object_id=object_id))
 
     async def get(self, object_id: str) -> tuple[Record, Functions]:
         """As `find`. Raises NotFound."""
@@ -144,9 +130,9 @@ class Store:
 
     async def records(self, ids: Sequence[str]) -> dict[str, Record]:
         """Those of the objects that are there, by id, without their functions."""
-        async with self._connection() as connection:
-            rows = await connection.execute(select(*HEADER).where(objects.c.id.in_(ids)))
-            return {row.id: _record(row) for row in rows}
+        query = select(*HEADER).where(objects.c.id.in_(ids))
+        rows = await self._run(lambda connection: connection.execute(query).all())
+        return {row.id: _record(row) for row in rows}
 
     async def page(self, limit: int, cursor: str | None = None) -> tuple[list[Record], str | None]:
         """Up to `limit` objects, newest first, from the cursor on; and the cursor of the next page.
@@ -160,8 +146,7 @@ class Store:
         query = select(*HEADER).order_by(objects.c.seq.desc()).limit(limit + 1)
         if cursor is not None:
             query = query.where(objects.c.seq < _decode_cursor(cursor))
-        async with self._connection() as connection:
-            rows = (await connection.execute(query)).all()
+        rows = await self._run(lambda connection: connection.execute(query).all())
         more = len(rows) > limit
         return [_record(row) for row in rows[:limit]], _encode_cursor(rows[limit - 1].seq) if more else None
 
@@ -174,35 +159,24 @@ class Store:
         InUse : words name it; the message names the composed objects, the oldest first.
         StoreFull : even this takes space, and there is none.
         """
+        query = objects.delete().where(objects.c.id == object_id)
         while True:  # again only where the last composed object was deleted meanwhile
             try:
-                async with self._transaction() as connection:
-                    result = await connection.execute(objects.delete().where(objects.c.id == object_id))
+                deleted = await self._run(lambda connection: connection.execute(query).rowcount)
             except IntegrityError:
                 await self._check_unused(object_id)
             else:
                 break
-        if result.rowcount == 0:
+        if not deleted:
             raise NotFound("there is no object of this id")
 
-    @asynccontextmanager
-    async def _connection(self) -> AsyncIterator[AsyncConnection]:
-        """One of the pool's, for the block. Raises Overloaded."""
+    async def _run(self, work: Work[R]) -> R:
+        """A transaction. Raises Overloaded and StoreFull."""
         try:
-            async with self._engine.connect() as connection:
-                yield connection
+            return await self._database.run(work)
         except (DBAPIError, PoolTimeout) as error:
             if is_busy(error):
                 raise Overloaded("the store has more work than it can do") from error
-            raise
-
-    @asynccontextmanager
-    async def _transaction(self) -> AsyncIterator[AsyncConnection]:
-        """What is written in the block is on disk after it, or nothing is. Raises Overloaded and StoreFull."""
-        try:
-            async with self._connection() as connection, connection.begin():
-                yield connection
-        except DBAPIError as error:
             if is_full(error):
                 raise StoreFull("the store has no space left; nothing of this call is kept") from error
             raise
@@ -215,14 +189,34 @@ class Store:
 
     async def _check_unused(self, object_id: str) -> None:
         query = select(objects.c.id).join(uses, objects.c.id == uses.c.composed_id).order_by(objects.c.seq)
-        async with self._connection() as connection:
-            found = (await connection.execute(query.where(uses.c.member_id == object_id))).scalars().all()
+        query = query.where(uses.c.member_id == object_id)
+        found = await self._run(lambda connection: connection.execute(query).scalars().all())
         if found:
             more = f" and {len(found) - MAX_NAMED} more" if len(found) > MAX_NAMED else ""
             raise InUse(f"composed objects are made of it: {', '.join(found[:MAX_NAMED])}{more}; delete them first")
 
 
-async def _insert(connection: AsyncConnection, record: Record, functions: Functions | None) -> None:
+def _find(connection: Connection, object_id: str) -> tuple[Record, Functions] | None:
+    """As `Store.find`."""
+    row = connection.execute(ONE, {"of": object_id}).first()
+    if row is None:
+        return None
+    record = _record(row)
+    if record.kind != "composed":
+        return record, _functions(row)
+    query = select(objects).where(objects.c.id.in_(record.members))
+    found = {each.id: _functions(each) for each in connection.execute(query)}
+    if found.keys() != set(record.members):
+        return None  # deleted between the two queries, and then an object of its word
+    return record, joined([found[member] for member in record.members])
+
+
+def _insert_all(connection: Connection, pairs: Sequence[tuple[Record, Functions | None]]) -> None:
+    for record, functions in pairs:
+        _insert(connection, record, functions)
+
+
+def _insert(connection: Connection, record: Record, functions: Functions | None) -> None:
     color = functions.color if functions else None
     values = {
         "id": record.id,
@@ -235,23 +229,26 @@ async def _insert(connection: AsyncConnection, record: Record, functions: Functi
         "color": _bytes(color.weights) if color else None,
         "color_spec": record.color_spec.to_json() if record.color_spec else None,
     }
-    await connection.execute(objects.insert(), values)
+    connection.execute(objects.insert(), values)
     if record.kind == "composed":
         pairs = [{"composed_id": record.id, "member_id": member} for member in set(record.members)]
-        await connection.execute(uses.insert(), pairs)
+        connection.execute(uses.insert(), pairs)
+
+
+_spec = lru_cache(CACHED_SPECS)(MappingSpec.from_json)
 
 
 def _record(row: Row[Any]) -> Record:
     created_at = row.created_at.replace(tzinfo=UTC)  # SQLite drops the zone; it was UTC
-    spec, members = MappingSpec.from_json(row.spec), tuple(row.members.split())
-    color_spec = MappingSpec.from_json(row.color_spec) if row.color_spec else None
+    spec, members = _spec(row.spec), tuple(row.members.split())
+    color_spec = _spec(row.color_spec) if row.color_spec else None
     return Record(row.id, row.kind, row.model, spec, created_at, members, color_spec)
 
 
 def _functions(row: Row[Any]) -> Functions:
     if row.color is None:
         return Functions(_array(row.theta))
-    return Functions(_array(row.theta), Color(MappingSpec.from_json(row.color_spec), _array(row.color)))
+    return Functions(_array(row.theta), Color(_spec(row.color_spec), _array(row.color)))
 
 
 def _bytes(array: Array) -> bytes:

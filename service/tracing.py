@@ -23,4 +23,4 @@ def telemetry() -> TelemetryConfig:
     """What FastAPI is to send: spans, where a collector is named; figures are at /metrics and errors in the log."""
     if is_wanted() and not is_installed():
         logger.warning("OTEL_EXPORTER_OTLP_ENDPOINT is set, but traces need the extra: pip install 'hof[otel]'")
-    return {"auto_configure": is_installed(), "metrics": False, "logs": False}
+    return {"auto_configure": is_installed(), "tracing": is_installed(), "metrics": False, "logs": False}

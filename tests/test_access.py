@@ -10,7 +10,9 @@ from pathlib import Path
 import httpx
 import pytest
 from conftest import running
+from raw_sockets import next_status
 
+from service.access import MAX_DROPPED
 from service.cli import main
 from service.errors import InvalidKeys
 from service.keys import Keys, make_key
@@ -110,6 +112,20 @@ def test_a_refusal_comes_before_the_body(keyed: httpx.Client, tokens: dict[str, 
                     answer += piece
             assert answer.startswith(b"HTTP/1.1 " + status)
             assert b"connection: close" in answer.lower()
+
+
+def test_a_refused_small_body_does_not_cost_the_connection(keyed: httpx.Client) -> None:
+    address = (keyed.base_url.host, keyed.base_url.port or 0)
+    with socket.create_connection(address, timeout=60) as connection:
+        for _ in range(2):
+            connection.sendall(b"POST /encode HTTP/1.1\r\nHost: x\r\nContent-Length: %d\r\n\r\n" % MAX_DROPPED)
+            assert next_status(connection) == 401  # before a byte of the body
+            connection.sendall(b"GET /objects HTTP/1.1\r\n\r\n".ljust(MAX_DROPPED))
+        connection.sendall(b"GET /health/live HTTP/1.1\r\nHost: x\r\n\r\n")
+        assert next_status(connection) == 200
+        connection.sendall(b"POST /encode HTTP/1.1\r\nHost: x\r\nContent-Length: %d\r\n\r\n" % (MAX_DROPPED + 1))
+        assert next_status(connection) == 401
+        assert connection.recv(1) == b""  # a larger one is not taken
 
 
 def test_no_cache_gives_one_clients_points_to_another(

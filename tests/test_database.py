@@ -5,10 +5,12 @@ import sqlite3
 import subprocess
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
 from postgres import Postgres
+from sqlalchemy import Connection
 from test_store import NOW
 
 from service.database import connect
@@ -27,14 +29,17 @@ async def _put(url: str, count: int) -> list[bool]:
     return new
 
 
+def _told(query: str, connection: Connection) -> object:
+    return connection.exec_driver_sql(query).scalar()
+
+
 def test_sqlite_syncs_its_log_before_a_commit_returns_and_holds_foreign_keys(tmp_path: Path) -> None:
     async def scenario() -> None:
-        engine = await connect(f"sqlite:///{tmp_path / 'new' / 'folder' / 'hof.db'}")
-        async with engine.connect() as connection:
-            pragmas = [("journal_mode", "wal"), ("synchronous", 2), ("busy_timeout", 10_000), ("foreign_keys", 1)]
-            for pragma, expected in pragmas:
-                assert (await connection.exec_driver_sql(f"PRAGMA {pragma}")).scalar() == expected
-        await engine.dispose()
+        database = await connect(f"sqlite:///{tmp_path / 'new' / 'folder' / 'hof.db'}")
+        pragmas = [("journal_mode", "wal"), ("synchronous", 2), ("busy_timeout", 10_000), ("foreign_keys", 1)]
+        for pragma, expected in pragmas:
+            assert await database.run(partial(_told, f"PRAGMA {pragma}")) == expected
+        await database.close()
 
     asyncio.run(scenario())
 

@@ -9,7 +9,7 @@ from shapes import write_folder
 
 from model import cli
 from model.config import TrainConfig
-from model.data import made
+from model.data import made, seating
 from model.data.build import build
 from model.data.dataset import MADE_A_DRAW, draw_batch, load_examples
 from model.data.manifest import SIZE
@@ -40,7 +40,7 @@ def test_a_chair_has_its_back_behind() -> None:
     """Front is +Z: the top of a chair lies behind its middle."""
     behind = []
     for seed in range(40):
-        parts = assembled(made.seating.chair(np.random.default_rng(seed)), COLOURS)
+        parts = assembled(seating.chair(np.random.default_rng(seed)), COLOURS)
         corners = np.concatenate([part.vertices for part in parts])
         behind.append(corners[corners[:, 1] > 0.9 * corners[:, 1].max(), 2].mean() < 0)
     assert all(behind)

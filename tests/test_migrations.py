@@ -53,10 +53,9 @@ def _differences(connection: Connection) -> list[object]:
 
 async def _opened(url: str) -> list[object]:
     """Open and close a database; what its tables differ in from those that the code declares."""
-    engine = await connect(url)
-    async with engine.connect() as connection:
-        differences = await connection.run_sync(_differences)
-    await engine.dispose()
+    database = await connect(url)
+    differences = await database.run(_differences)
+    await database.close()
     return differences
 
 

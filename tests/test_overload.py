@@ -20,7 +20,7 @@ from tiny_model import SPEC
 from benchmarks.processes import hof, others, serving, threads
 from service import database, vital
 from service.admission import Gate
-from service.database import SQLITE_CONNECTIONS
+from service.database import SQLITE_CONNECTIONS, OnThreads
 from service.errors import InvalidModel, InvalidParameter, Overloaded
 from service.formats.weights import Weights, dump
 from service.mapping import HOF_1, initial_theta
@@ -182,8 +182,9 @@ def test_a_store_that_others_keep_is_429_until_they_let_go(
         assert client.get("/objects").json()["items"] == []
         other.execute("BEGIN IMMEDIATE")  # no other writer comes in
         writes = [pool.submit(client.post, "/objects", content=file) for file in files]
-        connections = runtime_of(server).store._engine.pool
-        until(lambda: connections.checkedout() == len(files))  # type: ignore[attr-defined]
+        connections = runtime_of(server).store._database
+        assert isinstance(connections, OnThreads)
+        until(lambda: connections._free.locked())
         for answer in (client.get("/objects"), *(write.result() for write in writes)):
             assert (answer.status_code, answer.json()["title"]) == (429, "Overloaded")
             assert int(answer.headers["retry-after"]) >= 1

@@ -1,17 +1,20 @@
 """POST /encode: an image becomes an object."""
 
+from collections.abc import Callable, Coroutine
 from dataclasses import replace
 from datetime import UTC, datetime
+from functools import partial
 from typing import Annotated, Any, Final
 
 from fastapi import APIRouter, Query
 from starlette.requests import Request
 from starlette.responses import Response
 
+from service.batcher import Batcher
 from service.clients import while_there
 from service.encoder import Encoder
 from service.ids import encoded_id
-from service.images import Framed, Framing, preprocess
+from service.images import Framed, preprocess
 from service.mapping import Functions
 from service.queries import EncodeQuery
 from service.routes.files import BINARY
@@ -21,6 +24,8 @@ from service.store import Record
 from service.uploads import read_image, size_ahead
 
 router = APIRouter()
+
+Frame = Callable[[], Coroutine[Any, Any, Framed]]
 
 FORM: Final = {
     "schema": {
@@ -81,31 +86,36 @@ async def encode(
     max_bytes, max_pixels = settings.max_image_bytes, settings.max_image_pixels
     with gates.images.admit(), gates.uploads.admit(size_ahead(request, max_bytes)):
         image = await read_image(request, max_bytes)
-        work = runtime.run(preprocess, image, framing, query.background, max_pixels, runtime.matting)
-        framed = await while_there(request, work)
+        frame = partial(runtime.run, preprocess, image, framing, query.background, max_pixels, runtime.matting)
         if not query.store:
-            functions = await while_there(request, runtime.batchers[encoder.name].encode(framed.tensor))
+            framed, functions = await while_there(request, _encoded(frame, runtime.batchers[encoder.name]))
             return EncodedWeights.of(encoder.name, encoder.spec, functions, framed)
-        record, functions, created = await _put(request, runtime, encoder, image, framing, framed)
+        asked = _found_or_encoded(frame, runtime, encoder, image, framing.foreground_ratio)
+        framed, record, functions, known = await while_there(request, asked)
+        record, created = (record, False) if known else await runtime.store.put(record, functions)
     if created:
         response.status_code = 201
         response.headers["Location"] = f"/objects/{record.id}"
     return EncodedObject.of_image(record, framed, functions if query.include == "weights" else None)
 
 
-async def _put(
-    request: Request, runtime: Runtime, encoder: Encoder, image: bytes, framing: Framing, framed: Framed
-) -> tuple[Record, Functions, bool]:
-    """The object of a framed image, its functions, and whether it is new."""
-    store = runtime.store
+async def _encoded(frame: Frame, batcher: Batcher) -> tuple[Framed, Functions]:
+    framed = await frame()
+    return framed, await batcher.encode(framed.tensor)
+
+
+async def _found_or_encoded(
+    frame: Frame, runtime: Runtime, encoder: Encoder, image: bytes, foreground_ratio: float
+) -> tuple[Framed, Record, Functions, bool]:
+    """The framed image, its object, its functions, and whether it is known: else it is to be kept."""
+    framed = await frame()
     models = [encoder.digest]
     if framed.mask == "matting" and runtime.matting:
         models.append(runtime.matting.digest)
-    object_id = encoded_id(image, framed.mask, framing.foreground_ratio, *models)
-    known = await store.find(object_id)
+    object_id = encoded_id(image, framed.mask, foreground_ratio, *models)
+    known = await runtime.store.find(object_id)
     if known is not None:
-        return *known, False
-    functions = await while_there(request, runtime.batchers[encoder.name].encode(framed.tensor))
+        return framed, *known, True
+    functions = await runtime.batchers[encoder.name].encode(framed.tensor)
     new = Record(object_id, "encoded", encoder.name, encoder.spec, datetime.now(UTC), color_spec=encoder.color_spec)
-    record, created = await store.put(new, functions)
-    return record, functions, created
+    return framed, new, functions, False
