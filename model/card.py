@@ -45,7 +45,7 @@ def make_card(
         "license": "Apache-2.0; trained on CC-BY and CC0 meshes, attribution in NOTICE",
         "trunk": TRUNKS[config.encoder.trunk],
         "method": "Higher-Order Function networks (Mitchell, Engin, Isler, Lee; ICLR 2020)",
-        "data": {"objects": sizes, "seed": manifest.seed, "licences": licences},
+        "data": {"objects": sizes, "seed": manifest.seed, "licences": licences, "made": config.made},
         "training": {
             "minutes": round(run["elapsed_s"] / 60, 1),
             "steps": run["step"],
@@ -68,6 +68,7 @@ def figures(evaluations: list[Evaluation]) -> dict[str, dict[str, list[float]]]:
 def page(card: dict[str, Any], parameters: int, bytes_: int) -> str:
     """The card as a Markdown page."""
     training, data, color = card["training"], card["data"], card.get("color")
+    made = " Beside them furniture made by rule, a third of what training saw." if data.get("made") else ""
     coloured = (
         f"a head on the frozen encoder, {color['images']:,} images, {color['minutes']} minutes" if color else "none"
     )
@@ -85,7 +86,7 @@ Written by `hof-model export` from the file's own metadata. `GET /model` serves 
 - **File**: `{card["name"]}.onnx`, {bytes_:,} bytes; matrices stored as float16, computed in float32.
 - **Licence**: {card["license"]}.
 - **Data**: {data["objects"]["train"]} training, {data["objects"]["val"]} validation and {data["objects"]["test"]} test
-  objects, split by object after removing duplicates, 24 renders each. Sources: {"; ".join(data["licences"])}.
+  objects, split by object after removing duplicates, 24 renders each. Sources: {"; ".join(data["licences"])}.{made}
 - **Training**: {training["minutes"]} minutes, {training["steps"]:,} steps, seed {training["seed"]}, on
   {training["machine"]}, {training["date"]}, commit {training["commit"]}.
 - **Colour**: {coloured}.
