@@ -4,7 +4,9 @@ import asyncio
 import sqlite3
 import subprocess
 import sys
+import threading
 from collections.abc import Callable
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 
@@ -13,7 +15,7 @@ from postgres import Postgres
 from sqlalchemy import Connection
 from test_store import NOW
 
-from service.database import connect
+from service.database import SQLITE_CONNECTIONS, connect
 from service.mapping import HOF_1, Functions, initial_theta
 from service.store import Record, Store
 
@@ -39,6 +41,48 @@ def test_sqlite_syncs_its_log_before_a_commit_returns_and_holds_foreign_keys(tmp
         pragmas = [("journal_mode", "wal"), ("synchronous", 2), ("busy_timeout", 10_000), ("foreign_keys", 1)]
         for pragma, expected in pragmas:
             assert await database.run(partial(_told, f"PRAGMA {pragma}")) == expected
+        await database.close()
+
+    asyncio.run(scenario())
+
+
+def test_a_transaction_that_has_begun_ends_though_nobody_waits(tmp_path: Path) -> None:
+    begun, go_on = threading.Event(), threading.Event()
+
+    def slow(number: int, connection: Connection) -> None:
+        begun.set()
+        assert go_on.wait(60)
+        connection.exec_driver_sql(f"CREATE TABLE made{number} (it)")
+
+    async def scenario() -> None:
+        database = await connect(f"sqlite:///{tmp_path / 'hof.db'}")
+        for number in range(SQLITE_CONNECTIONS + 1):  # each gives its connection back
+            begun.clear()
+            go_on.clear()
+            call = asyncio.create_task(database.run(partial(slow, number)))
+            assert await asyncio.to_thread(begun.wait, 60)
+            call.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await call
+            go_on.set()
+        await database.close()
+
+    asyncio.run(scenario())
+    with closing(sqlite3.connect(tmp_path / "hof.db")) as connection:
+        tables = "SELECT count(*) FROM sqlite_master WHERE name LIKE 'made%'"
+        assert connection.execute(tables).fetchone() == (SQLITE_CONNECTIONS + 1,)
+
+
+def test_what_raises_leaves_nothing(tmp_path: Path) -> None:
+    def halfway(connection: Connection) -> None:
+        connection.exec_driver_sql("DELETE FROM alembic_version")
+        raise RuntimeError("halfway")
+
+    async def scenario() -> None:
+        database = await connect(f"sqlite:///{tmp_path / 'hof.db'}")
+        with pytest.raises(RuntimeError, match="halfway"):
+            await database.run(halfway)
+        assert await database.run(partial(_told, "SELECT count(*) FROM alembic_version")) == 1
         await database.close()
 
     asyncio.run(scenario())
