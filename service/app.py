@@ -8,7 +8,7 @@ from contextlib import asynccontextmanager
 from functools import partial
 from typing import Any, Final
 
-from fastapi import Depends, FastAPI, Request
+from fastapi import FastAPI, Request
 from starlette.responses import Response
 from starlette.routing import Mount, Route
 from starlette.types import ASGIApp, Receive, Scope, Send
@@ -56,13 +56,13 @@ def create_app(settings: Settings) -> FastAPI:
         openapi_url=None,  # served below, byte for byte as committed
         redirect_slashes=False,
         lifespan=partial(_lifespan, settings),
-        dependencies=[Depends(_refuse_repeats)],
         telemetry=telemetry(),
     )
     app.state.settings = settings
     app.state.metrics = Metrics()
     app.state.runtime = None
     problems.install(app)
+    app.add_middleware(OnceEach)
     app.add_middleware(HeadAsGet)
     app.add_middleware(Patience, seconds=settings.client_timeout_s)
     for module in (encode, compose, objects, mesh, health, inference, metrics):
@@ -84,14 +84,6 @@ class Service(FastAPI):
         templates = [*self.openapi()["paths"], *(route.path for route in self.routes if isinstance(route, Route))]
         mounts = (f"{route.path}/{{path:path}}" for route in self.routes if isinstance(route, Mount))
         return Observed(SecureHeaders(layers), self.state.metrics, Templates([*templates, *mounts]))
-
-
-async def _refuse_repeats(request: Request) -> None:
-    """No call takes a parameter twice, and to drop one silently helps nobody."""
-    names = [name for name, _ in request.query_params.multi_items()]
-    repeated = next((name for name, count in Counter(names).items() if count > 1), None)
-    if repeated is not None:
-        raise InvalidParameter("a parameter may be given once", field=repeated[:64])
 
 
 @asynccontextmanager
@@ -136,4 +128,22 @@ class HeadAsGet:
         """Pass the request on."""
         if scope["type"] == "http" and scope["method"] == "HEAD":
             scope = {**scope, "method": "GET", "hof.head": True}
+        await self._app(scope, receive, send)
+
+
+class OnceEach:
+    """Refuses a call that gives a parameter twice: to drop one silently helps nobody."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass the request on, or answer it."""
+        if scope["type"] == "http" and b"&" in scope["query_string"]:
+            names = [name for name, _ in Request(scope).query_params.multi_items()]
+            repeated = next((name for name, count in Counter(names).items() if count > 1), None)
+            if repeated is not None:
+                refusal = problems.respond(InvalidParameter("a parameter may be given once", field=repeated[:64]))
+                await refusal(scope, receive, send)
+                return
         await self._app(scope, receive, send)
