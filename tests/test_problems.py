@@ -118,3 +118,9 @@ def test_unknown_parameters_are_named(client: httpx.Client, path: str) -> None:
 
 def test_a_faulty_value_is_not_echoed(client: httpx.Client) -> None:
     assert "<script>" not in client.get("/objects?limit=<script>").text
+
+
+def test_a_parameter_may_be_given_once(client: httpx.Client) -> None:
+    answer = client.get("/objects?limit=1&limit=2&limit=3")
+    assert (answer.status_code, answer.headers["content-type"]) == (422, "application/problem+json")
+    assert answer.json()["errors"] == [{"field": "limit", "message": "a parameter may be given once"}]
