@@ -72,9 +72,7 @@ class Examples:
         return np.stack([one.crops[view] for one in chosen]), np.stack([one.points for one in chosen])
 
 
-def load_examples(
-    folder: Path, split: Split, framing: Framing, variants: bool = False, made: bool = False
-) -> Examples:
+def load_examples(folder: Path, split: Split, framing: Framing, variants: bool = False, made: bool = False) -> Examples:
     """Read a split and frame its views once; with `variants` also what `hof-model data vary` wrote, with `made`
     what `make` did.
 
@@ -113,8 +111,8 @@ class Batch:
 def draw_batch(examples: Examples, config: TrainConfig, step: int, light: Light = ANY_LIGHT) -> Batch:
     """The batch of a step: a function of (seed, step) alone, so that a resumed run sees the same data.
 
-    Each object, and each group of made pieces, comes as one of all its views, those of its variants included, and half of them mirrored:
-    an image flipped left to right shows the shape with x negated.
+    Each object, and each group of made pieces, comes as one of all its views, those of its variants included, and
+    half of them mirrored: an image flipped left to right shows the shape with x negated.
     """
     rng = np.random.default_rng([config.seed, step])
     mirrored = rng.random(config.batch) < 0.5

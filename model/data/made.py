@@ -1,0 +1,98 @@
+"""Furniture made by rule, for training only: a few hundred real objects show too few chairs to learn what a leg is."""
+
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import trimesh
+from tqdm import tqdm
+
+from model.data import furnishings, seating
+from model.data.manifest import MADE, Manifest
+from model.data.primitives import Solid, Triple, assembled
+from model.data.render import POINTS, shoot, stage
+from model.data.surface import sample_surface
+from model.data.variants import free_cameras
+from model.data.workers import run_isolated
+from model.files import whole_file
+
+Rng = np.random.Generator
+DESIGNS: Final[dict[Callable[[Rng], list[Solid]], float]] = {  # and how often each is drawn
+    seating.chair: 0.22,
+    seating.stool: 0.03,
+    seating.sofa: 0.17,
+    seating.bed: 0.11,
+    seating.crib: 0.02,
+    seating.table: 0.12,
+    seating.desk: 0.04,
+    furnishings.cabinet: 0.1,
+    furnishings.shelf: 0.04,
+    furnishings.lamp: 0.06,
+    furnishings.vessel: 0.05,
+    furnishings.basin: 0.02,
+    furnishings.appliance: 0.02,
+}
+MATERIALS: Final = ("wood", "leg", "top", "front", "cloth", "cushion", "sheet", "cover", "shade")
+WOODS: Final = ((0.72, 0.53, 0.34), (0.45, 0.28, 0.17), (0.25, 0.16, 0.11), (0.85, 0.74, 0.56), (0.93, 0.92, 0.9))
+
+
+@dataclass(frozen=True)
+class MadeJob:
+    """One piece to make: a function of (seed, number)."""
+
+    target: Path
+    seed: int
+    number: int
+    views: int
+
+
+def make(folder: Path, count: int, views: int, processes: int) -> dict[int, str]:
+    """Write pieces 0 to `count` that are missing in the data set `folder`; return number -> failure.
+
+    Raises
+    ------
+    FileNotFoundError : `folder` holds no finished data set.
+    """
+    seed = Manifest.read(folder).seed
+    (folder / MADE).mkdir(exist_ok=True)
+    jobs = [MadeJob(folder / MADE / f"{number:05d}.npz", seed, number, views) for number in range(count)]
+    jobs = [job for job in jobs if not job.target.exists()]
+    outcomes = tqdm(run_isolated(render_made, jobs, processes), total=len(jobs), desc="make", unit="piece")
+    return {outcome.job.number: outcome.failure for outcome in outcomes if outcome.failure}
+
+
+def render_made(job: MadeJob) -> None:
+    """Make one piece and render it under free cameras (a worker process)."""
+    rng = np.random.default_rng([job.seed, 2, job.number])
+    parts = piece(rng)
+    points = sample_surface(parts, POINTS, rng)[0]
+    with closing(stage(parts, multisampling=False)) as plotter:
+        views = shoot(plotter, free_cameras(job.views, train=True, rng=rng), points, rng)
+    with whole_file(job.target) as file:
+        np.savez_compressed(file, views=views, points=points)
+
+
+def piece(rng: Rng) -> list[trimesh.Trimesh]:
+    """A piece of furniture at random, in the object frame."""
+    design = list(DESIGNS)[rng.choice(len(DESIGNS), p=list(DESIGNS.values()))]
+    return assembled(design(rng), _colours(rng))
+
+
+def _colours(rng: Rng) -> dict[str, Triple]:
+    """A colour for each material: woods and greys for what carries, anything for cloth, some of them alike."""
+    wood = _near(rng, WOODS[rng.integers(len(WOODS))])
+    grey = _near(rng, (rng.random(),) * 3)
+    found = {}
+    for material in MATERIALS:
+        anything: Triple = tuple(rng.uniform(0.05, 0.95, 3).tolist())
+        likely = {"wood": wood, "leg": grey, "front": wood, "sheet": (0.92, 0.91, 0.88)}.get(material, anything)
+        found[material] = (wood, likely, likely, anything)[rng.integers(4)]
+    return found
+
+
+def _near(rng: Rng, colour: Triple) -> Triple:
+    red, green, blue = np.clip(np.array(colour) + rng.uniform(-0.08, 0.08, 3), 0.02, 1).tolist()
+    return red, green, blue

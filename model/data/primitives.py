@@ -1,0 +1,81 @@
+"""Solids that furniture is put together from: +Y up, front +Z, the floor at y = 0, lengths in metres."""
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+
+SECTIONS: Final = 24  # around what is turned
+EDGE_RAD: Final = 0.7  # faces that meet at a sharper angle are shaded apart
+
+Solid = tuple[trimesh.Trimesh, str]  # and the name of its material
+Triple = tuple[float, float, float]
+Doubles = npt.NDArray[np.float64]
+
+
+def box(low: Triple, high: Triple, material: str) -> Solid:
+    """A box from corner to corner."""
+    return trimesh.creation.box(bounds=np.array([low, high])), material
+
+
+def cushion(low: Triple, high: Triple, material: str, roundness: float = 0.35) -> Solid:
+    """A superellipsoid in the box from corner to corner: `roundness` 1 is an ellipsoid, 0 the box."""
+    mesh = trimesh.creation.icosphere(subdivisions=3)
+    directions = np.asarray(mesh.vertices)
+    rounded = np.sign(directions) * np.abs(directions) ** roundness
+    mesh.vertices = np.mean([low, high], axis=0) + rounded / np.abs(rounded).max(axis=0) * np.subtract(high, low) / 2
+    return mesh, material
+
+
+def rod(start: Triple, end: Triple, radii: float | tuple[float, float], material: str, sides: int = 12) -> Solid:
+    """A bar from point to point, round or with few sides; `radii` of both ends where it tapers."""
+    first, last = radii if isinstance(radii, tuple) else (radii, radii)
+    length = float(np.linalg.norm(np.subtract(end, start)))
+    profile = [(0, 0), (first, 0), (last, length), (0, length)]
+    mesh = trimesh.creation.revolve(profile, sections=sides)
+    if sides == 4:  # a square bar stands with its sides along the axes
+        mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 4, (0, 0, 1)))
+    toward = trimesh.geometry.align_vectors((0, 0, 1), np.subtract(end, start))
+    mesh.apply_transform(toward)
+    mesh.apply_translation(start)
+    return mesh, material
+
+
+def turned(profile: list[tuple[float, float]], material: str, center: Triple = (0, 0, 0)) -> Solid:
+    """What a lathe makes of (radius, height) pairs, about the vertical through `center`."""
+    mesh = trimesh.creation.revolve(profile, sections=SECTIONS)
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(-np.pi / 2, (1, 0, 0)))
+    mesh.apply_translation(center)
+    return mesh, material
+
+
+def ring(radius: float, thickness: float, center: Triple, scale: Triple, material: str) -> Solid:
+    """A torus in the plane of x and y, scaled along the axes: a handle."""
+    mesh = trimesh.creation.torus(radius, thickness, major_sections=SECTIONS, minor_sections=10)
+    mesh.apply_scale(scale)
+    mesh.apply_translation(center)
+    return mesh, material
+
+
+def leaned(solids: list[Solid], slope: float, height: float) -> list[Solid]:
+    """The solids with what is above `height` moved back by `slope` times how far it is above."""
+    for mesh, _ in solids:
+        moved = np.array(mesh.vertices)
+        moved[:, 2] -= slope * np.maximum(moved[:, 1] - height, 0)
+        mesh.vertices = moved
+    return solids
+
+
+def assembled(solids: list[Solid], colours: dict[str, Triple]) -> list[trimesh.Trimesh]:
+    """The solids in the object frame (box centred, longest side 1), coloured by material (RGB in [0, 1])."""
+    corners = np.concatenate([mesh.vertices for mesh, _ in solids])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    parts = []
+    for mesh, material in solids:
+        mesh.apply_translation(-(low + high) / 2)
+        mesh.apply_scale(1 / float((high - low).max()))
+        part = trimesh.graph.smooth_shade(mesh, angle=EDGE_RAD)
+        part.visual.face_colors = [*(round(255 * each) for each in colours[material]), 255]
+        parts.append(part)
+    return parts
