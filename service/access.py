@@ -160,6 +160,8 @@ def _refusal_headers(error: HofError, scope: Scope, needed: str) -> dict[str, st
     elif isinstance(error, Forbidden):
         headers["WWW-Authenticate"] = f'Bearer realm="hof", error="insufficient_scope", scope="{needed}"'
     asked = Headers(scope=scope)
-    if "transfer-encoding" in asked or "expect" in asked or int(asked.get("content-length", "0")) > MAX_DROPPED:
+    declared = asked.get("content-length", "0")
+    is_small = declared.isdecimal() and int(declared) <= MAX_DROPPED
+    if "transfer-encoding" in asked or "expect" in asked or not is_small:
         headers["Connection"] = "close"  # the body stays unread
     return headers

@@ -115,7 +115,7 @@ class OnThreads:
     async def run(self, work: Work[R]) -> R:
         """As `Database.run`. A transaction that has begun ends as it would, also for a client that leaves."""
         await self._acquire()
-        job = asyncio.wrap_future(self._threads.submit(self._transaction, work))
+        job = asyncio.get_running_loop().run_in_executor(self._threads, self._transaction, work)
         job.add_done_callback(lambda _: self._free.release())
         return await asyncio.shield(job)
 

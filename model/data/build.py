@@ -13,7 +13,7 @@ from model.data.dedupe import duplicates
 from model.data.manifest import Entry, Manifest, assign_splits
 from model.data.meshes import MeshRecord
 from model.data.render import render
-from model.data.workers import run_isolated
+from model.data.workers import run_told
 from model.files import whole_file
 
 OBJECTS: Final = "objects"
@@ -37,12 +37,7 @@ def build(records: Iterable[MeshRecord], out: Path, seed: int, processes: int) -
     (out / OBJECTS).mkdir(parents=True, exist_ok=True)
     jobs = [RenderJob(record, out / object_file(record.id), seed) for record in records]
     missing = [job for job in jobs if not job.target.exists()]
-    failures: dict[str, str] = {}
-    outcomes = run_isolated(render_to_file, missing, processes)
-    for outcome in tqdm(outcomes, total=len(missing), desc="render", unit="mesh"):
-        if outcome.failure:
-            failures[outcome.job.record.id] = outcome.failure
-            tqdm.write(f"skipped {outcome.job.record.id}: {outcome.failure}")
+    failures = run_told(render_to_file, missing, lambda job: job.record.id, processes, "render", "mesh")
     done = {job.record.id: job for job in jobs if job.target.exists()}
     clouds = {id_: np.load(job.target)["points"] for id_, job in tqdm(done.items(), desc="read", unit="object")}
     repeats = duplicates(clouds)

@@ -8,7 +8,6 @@ from typing import Final
 
 import numpy as np
 import trimesh
-from tqdm import tqdm
 
 from model.data import furnishings, seating
 from model.data.manifest import MADE, Manifest
@@ -16,7 +15,7 @@ from model.data.primitives import Solid, Triple, assembled
 from model.data.render import POINTS, shoot, stage
 from model.data.surface import sample_surface
 from model.data.variants import free_cameras
-from model.data.workers import run_isolated
+from model.data.workers import run_told
 from model.files import whole_file
 
 Rng = np.random.Generator
@@ -49,7 +48,7 @@ class MadeJob:
     views: int
 
 
-def make(folder: Path, count: int, views: int, processes: int) -> dict[int, str]:
+def make(folder: Path, count: int, views: int, processes: int) -> dict[str, str]:
     """Write pieces 0 to `count` that are missing in the data set `folder`; return number -> failure.
 
     Raises
@@ -60,8 +59,7 @@ def make(folder: Path, count: int, views: int, processes: int) -> dict[int, str]
     (folder / MADE).mkdir(exist_ok=True)
     jobs = [MadeJob(folder / MADE / f"{number:05d}.npz", seed, number, views) for number in range(count)]
     jobs = [job for job in jobs if not job.target.exists()]
-    outcomes = tqdm(run_isolated(render_made, jobs, processes), total=len(jobs), desc="make", unit="piece")
-    return {outcome.job.number: outcome.failure for outcome in outcomes if outcome.failure}
+    return run_told(render_made, jobs, lambda job: job.target.stem, processes, "make", "piece")
 
 
 def render_made(job: MadeJob) -> None:

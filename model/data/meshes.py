@@ -70,14 +70,19 @@ def load_parts(record: MeshRecord) -> list[trimesh.Trimesh]:
         raise ValueError("the file holds no triangles")
     if sum(len(part.faces) for part in parts) > MAX_FACES:
         raise ValueError(f"more than {MAX_FACES} triangles")
-    transform = _to_object_frame(parts, np.asarray(record.rotation, dtype=np.float64).reshape(3, 3))
+    transform = to_object_frame(parts, np.asarray(record.rotation, dtype=np.float64).reshape(3, 3))
     for part in parts:
         part.apply_transform(transform)
     return parts
 
 
-def _to_object_frame(parts: list[trimesh.Trimesh], rotation: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """4x4 that rotates, centres the bounding box and scales its longest side to 1."""
+def to_object_frame(parts: list[trimesh.Trimesh], rotation: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """4x4 that rotates by the 3x3, centres the bounding box of all parts and scales its longest side to 1.
+
+    Raises
+    ------
+    ValueError : the box is empty or not finite.
+    """
     corners = np.concatenate([part.vertices[np.unique(part.faces)] for part in parts]) @ rotation.T
     low, high = corners.min(axis=0), corners.max(axis=0)
     longest = float((high - low).max())

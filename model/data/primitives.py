@@ -6,6 +6,8 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
+from model.data.meshes import to_object_frame
+
 SECTIONS: Final = 24  # around what is turned
 EDGE_RAD: Final = 0.7  # faces that meet at a sharper angle are shaded apart
 
@@ -69,12 +71,10 @@ def leaned(solids: list[Solid], slope: float, height: float) -> list[Solid]:
 
 def assembled(solids: list[Solid], colours: dict[str, Triple]) -> list[trimesh.Trimesh]:
     """The solids in the object frame (box centred, longest side 1), coloured by material (RGB in [0, 1])."""
-    corners = np.concatenate([mesh.vertices for mesh, _ in solids])
-    low, high = corners.min(axis=0), corners.max(axis=0)
+    transform = to_object_frame([mesh for mesh, _ in solids], np.eye(3))
     parts = []
     for mesh, material in solids:
-        mesh.apply_translation(-(low + high) / 2)
-        mesh.apply_scale(1 / float((high - low).max()))
+        mesh.apply_transform(transform)
         part = trimesh.graph.smooth_shade(mesh, angle=EDGE_RAD)
         part.visual.face_colors = [*(round(255 * each) for each in colours[material]), 255]
         parts.append(part)

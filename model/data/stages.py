@@ -83,8 +83,6 @@ def _make(arguments: argparse.Namespace) -> None:
     from model.data.manifest import MADE
 
     failures = make(arguments.data, arguments.pieces, arguments.views, arguments.processes)
-    for number, failure in failures.items():
-        print(f"skipped {number}: {failure}")
     print(f"{len(failures)} failures: {arguments.data / MADE}")
 
 

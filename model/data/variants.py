@@ -11,14 +11,13 @@ import numpy as np
 import numpy.typing as npt
 import pyvista
 import trimesh
-from tqdm import tqdm
 
 from model.data.manifest import VARIANTS, Entry, Manifest, variant_file
 from model.data.meshes import MeshRecord, load_parts
 from model.data.render import POINTS, shoot, stage, stretch
 from model.data.surface import sample_surface
 from model.data.warp import STRETCH, warped
-from model.data.workers import run_isolated
+from model.data.workers import run_told
 from model.files import whole_file
 
 STRETCHED: Final = 4  # variants 1 to this are stretched, those after it warped
@@ -78,12 +77,7 @@ def vary(records: Iterable[MeshRecord], folder: Path, variants: int, views: int,
     (folder / VARIANTS).mkdir(exist_ok=True)
     jobs = [_job(folder, entry, known[entry.id], manifest.seed, variants, views) for entry in manifest.entries]
     jobs = [job for job in jobs if job.targets]
-    failures: dict[str, str] = {}
-    for outcome in tqdm(run_isolated(render_variants, jobs, processes), total=len(jobs), desc="vary", unit="object"):
-        if outcome.failure:
-            failures[outcome.job.record.id] = outcome.failure
-            tqdm.write(f"skipped {outcome.job.record.id}: {outcome.failure}")
-    return failures
+    return run_told(render_variants, jobs, lambda job: job.record.id, processes, "vary", "object")
 
 
 def _job(folder: Path, entry: Entry, record: MeshRecord, seed: int, variants: int, views: int) -> VariantsJob:
