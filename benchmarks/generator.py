@@ -26,6 +26,12 @@ class Answers:
         self.statuses.append(status)
         self.seconds.append(seconds)
 
+    def join(self, others: "Answers") -> None:
+        """Those of another load, too."""
+        self.took_s += others.took_s
+        self.statuses += others.statuses
+        self.seconds += others.seconds
+
     def count(self, low: int, high: int) -> int:
         """Answers with a status from low to high."""
         return sum(low <= status <= high for status in self.statuses)

@@ -24,6 +24,7 @@ SERVER_CORE: Final = 0  # of a server under load; the load comes from the others
 START_TIMEOUT_S: Final = 120
 STOP_TIMEOUT_S: Final = 20
 PR_SET_PDEATHSIG: Final = 1  # linux/prctl.h: a signal for when the parent ends
+STEAL: Final = 7  # proc(5): the place of it among a core's ticks
 _C: Final = ctypes.CDLL(None)  # looked up before any fork
 
 
@@ -167,3 +168,12 @@ def cpu_s(pid: int) -> float:
         except OSError:  # a thread that ended meanwhile
             continue
     return nanoseconds / 1e9
+
+
+def given_s(core: int) -> float:
+    """A clock that stands still while the host of a virtual machine gives a core to others (`steal`), in seconds."""
+    for line in Path("/proc/stat").read_text("ascii").splitlines():
+        name, *ticks = line.split()
+        if name == f"cpu{core}":
+            return time.perf_counter() - int(ticks[STEAL]) / os.sysconf("SC_CLK_TCK")
+    raise RuntimeError(f"/proc/stat has no core {core}")

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import Final
 
-from starlette.datastructures import MutableHeaders
 from starlette.middleware.cors import CORSMiddleware
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -13,6 +12,8 @@ SECURE: Final = {
     "Referrer-Policy": "no-referrer",
     "X-Content-Type-Options": "nosniff",
 }
+
+RAW: Final = tuple((name.lower().encode(), value.encode()) for name, value in SECURE.items())
 
 ASKED: Final = ("Authorization", "Content-Type", "If-None-Match", "X-API-Key", "X-Request-ID")
 SHOWN: Final = (
@@ -48,9 +49,9 @@ class SecureHeaders:
 
         async def send_with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
-                headers = MutableHeaders(scope=message)
-                for name, value in SECURE.items():
-                    headers.setdefault(name, value)
+                fields = message["headers"]
+                set_already = {name.lower() for name, _ in fields}
+                message["headers"] = [*fields, *(field for field in RAW if field[0] not in set_already)]
             await send(message)
 
         await self._app(scope, receive, send_with_headers)

@@ -3,6 +3,7 @@
 import logging
 import re
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from http import HTTPStatus
 from typing import Any, Final
 
@@ -10,7 +11,7 @@ from fastapi import FastAPI
 from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect, Request
-from starlette.responses import JSONResponse
+from starlette.responses import Response
 from starlette.routing import compile_path
 
 from service.errors import HofError, InvalidParameter, TryLater
@@ -52,38 +53,39 @@ def _path(parts: Sequence[str | int]) -> str:
     return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in parts).removeprefix(".")
 
 
-def respond(error: HofError) -> JSONResponse:
+def respond(error: HofError) -> Response:
     """An error of ours as its answer."""
-    errors = [FieldError(field=error.field, message=error.detail)] if error.field else None
-    problem = Problem(
-        type=_type(error.title), title=error.title, status=error.status, detail=error.detail, errors=errors
-    )
-    if isinstance(error, TryLater):
-        return _respond(problem, {"Retry-After": str(error.retry_after_s)})
-    return _respond(problem, HEADERS.get(error.status))
+    body = _body(error.title, error.status, error.detail, error.field)
+    headers = {"Retry-After": str(error.retry_after_s)} if isinstance(error, TryLater) else HEADERS.get(error.status)
+    return Response(body, error.status, headers, MEDIA_TYPE)
 
 
-def _respond(
-    problem: Problem,
-    headers: Mapping[str, str] | None = None,
-) -> JSONResponse:
-    return JSONResponse(
-        problem.model_dump(exclude_none=True), status_code=problem.status, headers=headers, media_type=MEDIA_TYPE
-    )
+@lru_cache(maxsize=16)  # a service that sheds load says the same a thousand times
+def _body(title: str, status: int, detail: str, field: str | None) -> bytes:
+    errors = [FieldError(field=field, message=detail)] if field else None
+    return _json(Problem(type=_type(title), title=title, status=status, detail=detail, errors=errors))
+
+
+def _respond(problem: Problem, headers: Mapping[str, str] | None = None) -> Response:
+    return Response(_json(problem), problem.status, headers, MEDIA_TYPE)
+
+
+def _json(problem: Problem) -> bytes:
+    return problem.model_dump_json(exclude_none=True).encode()
 
 
 def _type(title: str) -> str:
     return "urn:hof:problem:" + re.sub(r"[^a-z]+", "-", title.lower())
 
 
-async def _domain(request: Request, error: HofError) -> JSONResponse:
+async def _domain(request: Request, error: HofError) -> Response:
     if error.status == HTTPStatus.INTERNAL_SERVER_ERROR:
         logger.error("%s %s failed", request.method, request.url.path, exc_info=error)
         return await _unexpected(request, error)
     return respond(error)
 
 
-async def _validation(request: Request, error: RequestValidationError) -> JSONResponse:
+async def _validation(request: Request, error: RequestValidationError) -> Response:
     errors = field_errors(error.errors())
     detail = "; ".join(f"{item.field}: {item.message}" for item in errors)
     title = InvalidParameter.title
@@ -92,7 +94,7 @@ async def _validation(request: Request, error: RequestValidationError) -> JSONRe
     )
 
 
-async def _http(request: Request, error: HTTPException) -> JSONResponse:
+async def _http(request: Request, error: HTTPException) -> Response:
     """Starlette's own: no such route, wrong method."""
     title = HTTPStatus(error.status_code).phrase
     problem = Problem(type="about:blank", title=title, status=error.status_code, detail=error.detail)
@@ -112,12 +114,12 @@ def _allowed(request: Request) -> list[str]:
     return sorted(methods | {"HEAD"} if "GET" in methods else methods)
 
 
-async def _disconnected(request: Request, error: Exception) -> JSONResponse:
+async def _disconnected(request: Request, error: Exception) -> Response:
     """The client left while it sent: nobody reads this, but it is no fault of ours."""
     return _respond(Problem(type="about:blank", title="Bad Request", status=400, detail="the body broke off"))
 
 
-async def _unexpected(request: Request, error: Exception) -> JSONResponse:
+async def _unexpected(request: Request, error: Exception) -> Response:
     """Anything else: Starlette raises it again afterwards, so that the server logs it."""
     title = HTTPStatus.INTERNAL_SERVER_ERROR.phrase
     problem = Problem(type="about:blank", title=title, status=500, detail=INTERNAL_DETAIL)

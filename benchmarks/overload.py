@@ -1,0 +1,121 @@
+"""Far more photos than the service can encode: what it still answers, and how the others are turned away.
+
+The host of a virtual machine gives its cores to others, now 1% of the time, now 20%. So rates are those of the time
+that the server's core was given, and each flood stands between two peaks.
+"""
+
+import asyncio
+import time
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from benchmarks.generator import Answers, closed_loop, open_loop, probe
+from benchmarks.photos import photos
+from benchmarks.processes import SERVER_CORE, cpu_s, given_s, hof, serving, status_bytes, threads
+from benchmarks.report import Asked
+
+MIB: Final = 2**20
+OVERLOAD: Final = 3  # times the peak
+CLIENTS: Final = (16, 64)  # of a closed loop
+
+
+@dataclass
+class Floods:
+    """What came back of several: of the photos, and of the probes beside them; photos/s of each peak and flood, by
+    the clock and by the time that the core was given."""
+
+    photos: Answers = field(default_factory=Answers)
+    live: Answers = field(default_factory=Answers)
+    by_clock: list[tuple[float, float]] = field(default_factory=list)  # a flood's, and its peaks' mean
+    given: list[tuple[float, float]] = field(default_factory=list)
+
+    def share(self, pairs: list[tuple[float, float]]) -> float:
+        """Of its peaks that a flood reaches: the median."""
+        return float(np.median([flood / peak for flood, peak in pairs]))
+
+
+def overload(asked: list[Asked], rounds: int, seconds: int) -> str:
+    """Rounds of the peak, an open loop far above it, and the peak again. Idle processor time and threads on the way."""
+    floods = Floods()
+    with serving(hof(threads=1), {SERVER_CORE}) as (url, pid):
+        asyncio.run(closed_loop(f"{url}/encode", photos(1), 8, seconds / 10))  # warm
+        idle = _idle_share(pid, seconds / 12)
+        before = status_bytes(pid, "VmRSS")
+        for number in range(rounds):
+            _round(floods, url, 10 * number, seconds)
+        growth = status_bytes(pid, "VmRSS") / before - 1
+        count = threads(pid)
+    asked += [
+        Asked("overload: goodput as a share of the peak", floods.share(floods.given), 0.95),
+        Asked("overload: answers of 5xx, or none", _failed(floods.photos), 0, at_most=True),
+        Asked("overload: p99 of 429, ms", floods.photos.p99_ms(429, 429), 20, at_most=True),
+        Asked("overload: p99 of /health/live, ms", floods.live.p99_ms(), 50, at_most=True),
+        Asked("overload: growth of resident memory, %", 100 * growth, 10, at_most=True),
+        Asked("idle: processor time from 100 ms after a request, %", 100 * idle, 1, at_most=True),
+        Asked("threads of the server after that", count, 8 + 4, at_most=True),
+    ]
+    return _section(floods, seconds, before)
+
+
+def _round(floods: Floods, url: str, seed: int, seconds: int) -> None:
+    """A flood between two peaks; the last peak of a round is not the first of the next: the store grows."""
+    peaks = [_peak(url, seed + 2, seconds)]
+    rate = OVERLOAD * peaks[0][1]
+    began = given_s(SERVER_CORE)
+    answers, live = asyncio.run(_flood(url, seed + 4, rate, seconds))
+    given = answers.count(200, 299) / (given_s(SERVER_CORE) - began)
+    peaks.append(_peak(url, seed + 6, seconds))
+    by_clock_peak, given_peak = np.mean(peaks, axis=0).tolist()
+    floods.by_clock.append((answers.goodput, by_clock_peak))
+    floods.given.append((given, given_peak))
+    floods.photos.join(answers)
+    floods.live.join(live)
+
+
+def _peak(url: str, seed: int, seconds: int) -> tuple[float, float]:
+    """The most that a closed loop gets, photos/s: by the clock, and of the time that the core was given."""
+    found = []
+    for number, clients in enumerate(CLIENTS):
+        began = given_s(SERVER_CORE)
+        answers = asyncio.run(closed_loop(f"{url}/encode", photos(seed + number), clients, max(1.0, seconds / 6)))
+        found.append((answers.goodput, answers.count(200, 299) / (given_s(SERVER_CORE) - began)))
+    return max(found, key=lambda rates: rates[1])
+
+
+async def _flood(url: str, seed: int, per_second: float, seconds: float) -> tuple[Answers, Answers]:
+    load = asyncio.create_task(open_loop(f"{url}/encode", photos(seed), per_second, seconds))
+    live = await probe(f"{url}/health/live", 0.05, load)
+    return await load, live
+
+
+def _idle_share(pid: int, seconds: float) -> float:
+    """Share of a core that a server takes from 100 ms after its last request on."""
+    time.sleep(0.1)
+    before, start = cpu_s(pid), time.perf_counter()
+    time.sleep(seconds)
+    return (cpu_s(pid) - before) / (time.perf_counter() - start)
+
+
+def _failed(answers: Answers) -> int:
+    return answers.count(500, 599) + answers.count(0, 0)
+
+
+def _section(floods: Floods, seconds: int, before: int) -> str:
+    answers = floods.photos
+    rows = "\n".join(
+        f"| {flood:.1f} | {peak:.1f} | {flood / peak:.3f} | {clock_flood:.1f} | {clock_peak:.1f} |"
+        for (flood, peak), (clock_flood, clock_peak) in zip(floods.given, floods.by_clock, strict=True)
+    )
+    others = len(answers.statuses) - answers.count(200, 299) - answers.count(429, 429)
+    return (
+        f"## Overload: POST /encode, {OVERLOAD} times the peak, open loop, {seconds} s\n\n"
+        f"The peak is that of closed loops of {CLIENTS[0]} and {CLIENTS[1]} clients before and after the flood: the "
+        "better one of either time, their mean. A second is one that the host gave the server's core; by the clock, "
+        f"which counts what it gave to others, the median share is {floods.share(floods.by_clock):.2f}.\n\n"
+        "| goodput, photos/s | peak | share | goodput by the clock | peak by the clock |\n|---|---|---|---|---|\n"
+        f"{rows}\n\n"
+        f"Answered 2xx: {answers.count(200, 299):,}, p99 {answers.p99_ms():.0f} ms; 429: {answers.count(429, 429):,}; "
+        f"other: {others}. Memory before: {before / MIB:.0f} MiB."
+    )
