@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks.comparison import compare
 from benchmarks.fuzz import fuzz
 from benchmarks.kills import faults
-from benchmarks.overload import overload
+from benchmarks.overload import overload, tried
 from benchmarks.processes import SERVER_CORE, others, pin_to
 from benchmarks.report import Asked, asked_table
 from benchmarks.timing import in_turn
@@ -43,6 +43,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     pin_to(others(SERVER_CORE))
     asked: list[Asked] = []
     sections = [batching(asked, 3 if quick else 30), overload(asked, *((1, 2) if quick else (3, 60)))]
+    sections.append(tried(*((1, 2) if quick else (3, 20))))
     sections.append(compare(asked, SERVER_CORE, 1 if quick else 5, 0.5 if quick else 5, arguments.peers))
     sections.append(faults(asked, *((2, 1) if quick else (100, 10))))
     sections.append(fuzz(asked, 200 if quick else 10_000))

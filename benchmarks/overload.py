@@ -5,6 +5,7 @@ that the server's core was given, and each flood stands between two peaks.
 """
 
 import asyncio
+import sys
 import time
 from dataclasses import dataclass, field
 from typing import Final
@@ -19,6 +20,13 @@ from benchmarks.report import Asked
 MIB: Final = 2**20
 OVERLOAD: Final = 3  # times the peak
 CLIENTS: Final = (16, 64)  # of a closed loop
+PATIENT: Final = "import sys; sys.setswitchinterval(0.02); from service.cli import main; main(sys.argv[1:])"
+TRIED: Final = {  # commands whose servers might lose less to the photos that they turn away
+    "as shipped": hof(threads=1),
+    "a queue of 16 photos, not 128": hof(threads=1, max_queued_images=16),
+    "no thread takes the core from another (SCHED_BATCH)": ["chrt", "--batch", "0", *hof(threads=1)],
+    "Python's threads take turns after 20 ms, not 5": [sys.executable, "-c", PATIENT, *hof(threads=1)[1:]],
+}
 
 
 @dataclass
@@ -57,6 +65,25 @@ def overload(asked: list[Asked], rounds: int, seconds: int) -> str:
         Asked("threads of the server after that", count, 8 + 4, at_most=True),
     ]
     return _section(floods, seconds, before)
+
+
+def tried(rounds: int, seconds: int) -> str:
+    """Goodput of other ways to run the server, each beside the way it is shipped, in turn."""
+    floods = {name: Floods() for name in TRIED}
+    for number in range(rounds):
+        for name, command in TRIED.items():
+            with serving(command, {SERVER_CORE}) as (url, _):
+                asyncio.run(closed_loop(f"{url}/encode", photos(1), 8, seconds / 10))
+                _round(floods[name], url, 10 * number, seconds)
+    rows = "\n".join(
+        f"| {name} | {of.share(of.given):.3f} | {of.photos.p99_ms(429, 429):.1f} | {of.live.p99_ms():.1f} |"
+        for name, of in floods.items()
+    )
+    return (
+        f"## Overload: what was tried, {rounds} floods of {seconds} s each\n\n"
+        "| server | goodput as a share of the peak | p99 of 429, ms | p99 of /health/live, ms |\n|---|---|---|---|\n"
+        f"{rows}"
+    )
 
 
 def _round(floods: Floods, url: str, seed: int, seconds: int) -> None:
