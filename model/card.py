@@ -68,7 +68,7 @@ def figures(evaluations: list[Evaluation]) -> dict[str, dict[str, list[float]]]:
 def page(card: dict[str, Any], parameters: int, bytes_: int) -> str:
     """The card as a Markdown page."""
     training, data, color = card["training"], card["data"], card.get("color")
-    made = " Beside them furniture made by rule, a third of what training saw." if data.get("made") else ""
+    made = " Beside them pieces made by rule, most of them furniture." if data.get("made") else ""
     coloured = (
         f"a head on the frozen encoder, {color['images']:,} images, {color['minutes']} minutes" if color else "none"
     )

@@ -9,12 +9,12 @@ from shapes import write_folder
 
 from model import cli
 from model.config import TrainConfig
-from model.data import made, seating
+from model.data import curved, made, seating
 from model.data.build import build
 from model.data.dataset import MADE_A_DRAW, draw_batch, load_examples
 from model.data.manifest import SIZE
 from model.data.meshes import folder_records
-from model.data.primitives import Solid, assembled, box, cushion, leaned, rod, turned
+from model.data.primitives import Solid, assembled, between, box, cushion, leaned, rod, turned
 from model.data.render import POINTS
 
 VIEWS = 2
@@ -36,11 +36,12 @@ def test_every_design_stands_whole_in_the_object_frame(design: Callable[[np.rand
     assert len(shapes) > 30  # of 40 draws
 
 
-def test_a_chair_has_its_back_behind() -> None:
+@pytest.mark.parametrize("design", [seating.chair, curved.tub, curved.bucket])
+def test_a_chair_has_its_back_behind(design: Callable[[np.random.Generator], list[Solid]]) -> None:
     """Front is +Z: the top of a chair lies behind its middle."""
     behind = []
     for seed in range(40):
-        parts = assembled(seating.chair(np.random.default_rng(seed)), COLOURS)
+        parts = assembled(design(np.random.default_rng(seed)), COLOURS)
         corners = np.concatenate([part.vertices for part in parts])
         behind.append(corners[corners[:, 1] > 0.9 * corners[:, 1].max(), 2].mean() < 0)
     assert all(behind)
@@ -65,6 +66,16 @@ def test_solids_fill_their_boxes() -> None:
     assert bowl.bounds == pytest.approx(np.array([(2.5, 0, -0.5), (3.5, 1, 0.5)]), abs=1e-2)
     moved, _ = leaned([box((0, 0, 0), (1, 2, 1), "wood")], 0.5, 1.0)[0]
     assert moved.bounds[:, 2].tolist() == pytest.approx([-0.5, 1])
+
+
+def test_a_wall_fills_what_is_between_its_sides() -> None:
+    x, y = np.meshgrid(np.linspace(0, 2, 5), np.linspace(0, 3, 4))
+    front, back = np.stack([x, y, 0 * x], axis=-1), np.stack([x, y, 0 * x - 0.5], axis=-1)
+    for sides in ((front, back), (back, front)):
+        wall, _ = between(*sides, "cloth")
+        assert wall.is_watertight
+        assert wall.volume == pytest.approx(3)
+        assert wall.bounds == pytest.approx(np.array([(0, 0, -0.5), (2, 3, 0)]))
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,5 @@
-"""Furniture made by rule, for training only: a few hundred real objects show too few chairs to learn what a leg is."""
+"""Furniture and other things made by rule, for training only: a few hundred real objects show too few chairs to learn
+what a leg is."""
 
 from collections.abc import Callable
 from contextlib import closing
@@ -9,7 +10,7 @@ from typing import Final
 import numpy as np
 import trimesh
 
-from model.data import furnishings, seating
+from model.data import curved, furnishings, seating, things
 from model.data.manifest import MADE, Manifest
 from model.data.primitives import Solid, Triple, assembled
 from model.data.render import POINTS, shoot, stage
@@ -20,19 +21,25 @@ from model.files import whole_file
 
 Rng = np.random.Generator
 DESIGNS: Final[dict[Callable[[Rng], list[Solid]], float]] = {  # and how often each is drawn
-    seating.chair: 0.22,
-    seating.stool: 0.03,
-    seating.sofa: 0.17,
-    seating.bed: 0.11,
-    seating.crib: 0.02,
-    seating.table: 0.12,
-    seating.desk: 0.04,
-    furnishings.cabinet: 0.1,
-    furnishings.shelf: 0.04,
-    furnishings.lamp: 0.06,
-    furnishings.vessel: 0.05,
+    seating.chair: 0.15,
+    seating.stool: 0.02,
+    curved.tub: 0.08,
+    curved.bucket: 0.05,
+    seating.sofa: 0.11,
+    seating.bed: 0.09,
+    seating.crib: 0.01,
+    seating.table: 0.09,
+    seating.desk: 0.03,
+    furnishings.cabinet: 0.08,
+    furnishings.shelf: 0.03,
+    furnishings.lamp: 0.05,
+    furnishings.vessel: 0.06,
     furnishings.basin: 0.02,
     furnishings.appliance: 0.02,
+    things.thing: 0.06,
+    things.plant: 0.02,
+    things.figure: 0.02,
+    things.opening: 0.01,
 }
 MATERIALS: Final = ("wood", "leg", "top", "front", "cloth", "cushion", "sheet", "cover", "shade")
 WOODS: Final = ((0.72, 0.53, 0.34), (0.45, 0.28, 0.17), (0.25, 0.16, 0.11), (0.85, 0.74, 0.56), (0.93, 0.92, 0.9))
@@ -74,7 +81,7 @@ def render_made(job: MadeJob) -> None:
 
 
 def piece(rng: Rng) -> list[trimesh.Trimesh]:
-    """A piece of furniture at random, in the object frame."""
+    """A piece at random, in the object frame."""
     design = list(DESIGNS)[rng.choice(len(DESIGNS), p=list(DESIGNS.values()))]
     return assembled(design(rng), _colours(rng))
 

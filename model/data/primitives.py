@@ -60,6 +60,23 @@ def ring(radius: float, thickness: float, center: Triple, scale: Triple, materia
     return mesh, material
 
 
+def between(front: Doubles, back: Doubles, material: str) -> Solid:
+    """A wall between two grids of points, each (rows, columns, 3): a curved panel, a shell, a cloth."""
+    rows, columns, _ = front.shape
+    index = np.arange(rows * columns).reshape(rows, columns)
+    cells = (index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1])
+    corners = [cell.ravel() for cell in cells]
+    behind = [corner + index.size for corner in reversed(corners)]
+    rim = np.concatenate([index[0, :-1], index[:-1, -1], index[-1, :0:-1], index[:0:-1, 0]])
+    ahead = np.roll(rim, -1)
+    quads = np.hstack([corners, behind, (ahead, rim, rim + index.size, ahead + index.size)])
+    faces = np.concatenate([quads[[0, 1, 2]].T, quads[[0, 2, 3]].T])
+    mesh = trimesh.Trimesh(np.concatenate([front.reshape(-1, 3), back.reshape(-1, 3)]), faces)
+    if mesh.volume < 0:
+        mesh.invert()
+    return mesh, material
+
+
 def leaned(solids: list[Solid], slope: float, height: float) -> list[Solid]:
     """The solids with what is above `height` moved back by `slope` times how far it is above."""
     for mesh, _ in solids:

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from model.data.curved import arched_board, cloth
 from model.data.primitives import Solid, box, cushion, leaned, rod, turned
 from model.data.stands import fronts, legs, stand
 
@@ -173,13 +174,15 @@ def _berth(rng: Rng, width: float, length: float, floor: float) -> list[Solid]:
 
 
 def _board(rng: Rng, side: float, z: float, low: float, high: float) -> list[Solid]:
-    """A headboard or footboard: a panel, a padded one, or posts with bars."""
+    """A headboard or footboard: a panel, one with an arched top, a padded one, or posts with bars."""
     thick = rng.uniform(0.03, 0.1) * math.copysign(1, z)
     near, far = sorted((z, z + thick))
     kind = rng.random()
-    if kind < 0.45:
+    if kind < 0.25:
         return [box((-side, low, near), (side, high, far), "wood")]
-    if kind < 0.65:
+    if kind < 0.55:
+        return arched_board(rng, side, z, low, high)
+    if kind < 0.7:
         return [cushion((-side, low, near), (side, high, far + 0.05), "cloth", 0.2)]
     solids = [rod((x, low, z), (x, high, z), 0.03, "wood", 4) for x in (-side, side)]
     solids += [rod((-side, y, z), (side, y, z), 0.025, "wood", 4) for y in (high, (low + high) / 2)]
@@ -207,6 +210,8 @@ def table(rng: Rng) -> list[Solid]:
     """A table, low or high, with a rectangular or round top; some under a cloth."""
     width, depth = rng.uniform(0.5, 2.0), rng.uniform(0.45, 1.1)
     height = rng.uniform(0.3, 0.55) if rng.random() < 0.4 else rng.uniform(0.65, 0.95)
+    if rng.random() < 0.12:
+        return cloth(rng, (width / 2, width / 2 if rng.random() < 0.5 else depth / 2), height)
     thick = rng.uniform(0.015, 0.08)
     if rng.random() < 0.35:
         radius = width / 2 if rng.random() < 0.5 else depth / 2
@@ -215,12 +220,6 @@ def table(rng: Rng) -> list[Solid]:
         solids = [turned([(0, under), (radius, under), (radius, height), (0, height)], "top")]
     else:
         solids = [box((-width / 2, height - thick, -depth / 2), (width / 2, height, depth / 2), "top")]
-    if rng.random() < 0.12:
-        flare, hem = rng.uniform(1.0, 1.15), rng.uniform(0, 0.3) * height
-        sides = 4 if width != depth else 24
-        skirt, _ = rod((0, hem, 0), (0, height, 0), (0.72 * flare, 0.705), "cloth", sides)
-        skirt.apply_scale((width, 1, depth))
-        return [*solids, (skirt, "cloth")]
     solids += stand(rng, width, depth, height - thick)
     if rng.random() < 0.35:
         y, x, z = rng.uniform(0.15, 0.5) * height, width / 2 * 0.9, depth / 2 * 0.9
