@@ -108,8 +108,12 @@ def vessel(rng: Rng) -> list[Solid]:
         middle, tall = len(levels) // 2, rng.uniform(0.22, 0.38) * height
         x = float(outer[middle]) * rng.choice([-1, 1])
         solids.append(ring(1, 0.12, (x, levels[middle], 0), (tall * rng.uniform(0.6, 1), tall, 0.25), "top"))
-    if rng.random() < 0.15:
-        solids.append(turned([(0, -0.05), (0.4, -0.05), (0.75, 0.03), (0.74, 0.05), (0.4, -0.02), (0, -0.02)], "top"))
+    if rng.random() < 0.3:  # full of something
+        solids.append(turned([(0, 0.6 * height), (inner[4][0], inner[4][1]), (0, inner[4][1])], "cover"))
+    if rng.random() < 0.3:
+        wide = float(outer[0]) * rng.uniform(1.5, 2.4)
+        rim = [(0, -0.05), (0.5 * wide, -0.05), (wide, 0.04), (wide - 0.02, 0.06), (0.5 * wide, -0.02), (0, -0.02)]
+        solids.append(turned(rim, "top"))
     return solids
 
 
