@@ -1,17 +1,20 @@
 """`make load`: the service under load, beside others, killed, and sent damaged images; writes benchmarks/LOAD.md.
 
-The server has one core and one thread of each kind; the load comes from another core. About twenty-five minutes.
+The server has one core and one thread of each kind; the load comes from another core. About half an hour; each part
+that ends is kept in benchmarks/load.json, so that one of them can be measured anew (`--parts`).
 """
 
 import argparse
 import asyncio
+import json
 import sys
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -28,6 +31,7 @@ from service.encoder import Encoder
 from service.settings import SHIPPED_MODEL
 
 FOLDER: Final = Path(__file__).resolve().parent
+PARTS: Final = ("batching", "overload", "tried", "peers", "faults", "fuzz")
 SIZES: Final = (1, 2, 4, 8, 16)
 
 
@@ -36,25 +40,48 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="seconds in place of minutes")
     parser.add_argument("--peers", type=Path, help="environment with LitServe and BentoML; default: without them")
+    parser.add_argument("--parts", nargs="+", choices=PARTS, default=PARTS, help="what to measure anew; default: all")
     parser.add_argument("-o", "--output", type=Path, default=FOLDER)
     arguments = parser.parse_args(argv)
-    quick: bool = arguments.quick
     made = provenance(0)
     pin_to(others(SERVER_CORE))
-    asked: list[Asked] = []
-    sections = [batching(asked, 3 if quick else 30), overload(asked, *((1, 2) if quick else (3, 60)))]
-    sections.append(tried(*((1, 2) if quick else (3, 20))))
-    sections.append(compare(asked, SERVER_CORE, 1 if quick else 5, 0.5 if quick else 5, arguments.peers))
-    sections.append(faults(asked, *((2, 1) if quick else (100, 10))))
-    sections.append(fuzz(asked, 200 if quick else 10_000))
-    page = (
-        f"# Under load\n\nWritten by `make load`. {made['machine']}; {made['date']}, commit {made['commit']}. The "
-        "server has one core and `--threads 1`, the load comes from another, over loopback. Photos are JPEGs of "
-        f"512 x 512, each other bytes.\n\n{asked_table(asked)}\n\n"
-    )
-    (arguments.output / "LOAD.md").write_text(page + "\n\n".join(sections) + "\n", encoding="utf-8")
-    print(page, *sections, sep="\n\n")
+    record: Path = arguments.output / "load.json"
+    parts = json.loads(record.read_text("utf-8")) if record.exists() else {}
+    for name in arguments.parts:
+        asked: list[Asked] = []
+        text = _measure(name, asked, arguments.peers, quick=arguments.quick)
+        parts[name] = {**made, "asked": [asdict(item) for item in asked], "text": text}
+        record.write_text(json.dumps(parts, indent=1) + "\n", encoding="utf-8")
+    page = _page([parts[name] for name in PARTS if name in parts])
+    (arguments.output / "LOAD.md").write_text(page, encoding="utf-8")
+    print(page)
     return 0
+
+
+def _measure(name: str, asked: list[Asked], peers: Path | None, *, quick: bool) -> str:
+    """One part's section."""
+    match name:
+        case "batching":
+            return batching(asked, 3 if quick else 30)
+        case "overload":
+            return overload(asked, *((1, 2) if quick else (3, 60)))
+        case "tried":
+            return tried(*((1, 2) if quick else (3, 20)))
+        case "peers":
+            return compare(asked, SERVER_CORE, 1 if quick else 5, 0.5 if quick else 5, peers)
+        case "faults":
+            return faults(asked, *((2, 1) if quick else (100, 10)))
+    return fuzz(asked, 200 if quick else 10_000)
+
+
+def _page(parts: Sequence[dict[str, Any]]) -> str:
+    asked = [Asked(**item) for part in parts for item in part["asked"]]
+    sections = (f"{part['text']}\n\n{part['machine']}; {part['date']}, commit {part['commit']}.\n" for part in parts)
+    return (
+        "# Under load\n\nWritten by `make load`. The server has one core and `--threads 1`, the load comes from "
+        f"another, over loopback. Photos are JPEGs of 512 x 512, each other bytes.\n\n{asked_table(asked)}\n\n"
+        + "\n".join(sections)
+    )
 
 
 def batching(asked: list[Asked], rounds: int) -> str:

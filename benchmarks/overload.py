@@ -50,6 +50,7 @@ def overload(asked: list[Asked], rounds: int, seconds: int) -> str:
     with serving(hof(threads=1), {SERVER_CORE}) as (url, pid):
         asyncio.run(closed_loop(f"{url}/encode", photos(1), 8, seconds / 10))  # warm
         idle = _idle_share(pid, seconds / 12)
+        _peak(url, 90, seconds)  # what a full service takes is no growth
         before = status_bytes(pid, "VmRSS")
         for number in range(rounds):
             _round(floods, url, 10 * number, seconds)
