@@ -71,8 +71,8 @@ def test_solids_fill_their_boxes() -> None:
 def test_a_wall_fills_what_is_between_its_sides() -> None:
     x, y = np.meshgrid(np.linspace(0, 2, 5), np.linspace(0, 3, 4))
     front, back = np.stack([x, y, 0 * x], axis=-1), np.stack([x, y, 0 * x - 0.5], axis=-1)
-    for sides in ((front, back), (back, front)):
-        wall, _ = between(*sides, "cloth")
+    for one, other in ((front, back), (back, front)):
+        wall, _ = between(one, other, "cloth")
         assert wall.is_watertight
         assert wall.volume == pytest.approx(3)
         assert wall.bounds == pytest.approx(np.array([(0, 0, -0.5), (2, 3, 0)]))
