@@ -19,11 +19,11 @@ from benchmarks.generator import LOST, each, session
 from benchmarks.mutations import mutant
 from benchmarks.processes import SERVER_CORE, hof, serving, status_bytes
 from benchmarks.report import Asked, asked_table
+from service.settings import MIB
 
 CLIENTS: Final = 8
 WARM_UP: Final = 0.2  # of the images: from then on memory is compared
 QUERIES: Final = ("", "?background=keep", "?store=false", "?foreground_ratio=0.1")
-MIB: Final = 2**20
 
 
 @dataclass

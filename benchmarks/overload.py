@@ -16,8 +16,8 @@ from benchmarks.generator import Answers, closed_loop, open_loop, probe
 from benchmarks.photos import photos
 from benchmarks.processes import SERVER_CORE, cpu_s, given_s, hof, serving, status_bytes, threads
 from benchmarks.report import Asked
+from service.settings import MIB
 
-MIB: Final = 2**20
 OVERLOAD: Final = 3  # times the peak
 CLIENTS: Final = (16, 64)  # of a closed loop
 PATIENT: Final = "import sys; sys.setswitchinterval(0.02); from service.cli import main; main(sys.argv[1:])"
@@ -39,10 +39,6 @@ class Floods:
     by_clock: list[tuple[float, float]] = field(default_factory=list)  # a flood's, and its peaks' mean
     given: list[tuple[float, float]] = field(default_factory=list)
 
-    def share(self, pairs: list[tuple[float, float]]) -> float:
-        """Of its peaks that a flood reaches: the median."""
-        return float(np.median([flood / peak for flood, peak in pairs]))
-
 
 def overload(asked: list[Asked], rounds: int, seconds: int) -> str:
     """Rounds of the peak, an open loop far above it, and the peak again. Idle processor time and threads on the way."""
@@ -57,7 +53,7 @@ def overload(asked: list[Asked], rounds: int, seconds: int) -> str:
         growth = status_bytes(pid, "VmRSS") / before - 1
         count = threads(pid)
     asked += [
-        Asked("overload: goodput as a share of the peak", floods.share(floods.given), 0.95),
+        Asked("overload: goodput as a share of the peak", _share(floods.given), 0.95),
         Asked("overload: answers of 5xx, or none", _failed(floods.photos), 0, at_most=True),
         Asked("overload: p99 of 429, ms", floods.photos.p99_ms(429, 429), 20, at_most=True),
         Asked("overload: p99 of /health/live, ms", floods.live.p99_ms(), 50, at_most=True),
@@ -77,7 +73,7 @@ def tried(rounds: int, seconds: int) -> str:
                 asyncio.run(closed_loop(f"{url}/encode", photos(1), 8, seconds / 10))
                 _round(floods[name], url, 10 * number, seconds)
     rows = "\n".join(
-        f"| {name} | {of.share(of.given):.3f} | {of.photos.p99_ms(429, 429):.1f} | {of.live.p99_ms():.1f} |"
+        f"| {name} | {_share(of.given):.3f} | {of.photos.p99_ms(429, 429):.1f} | {of.live.p99_ms():.1f} |"
         for name, of in floods.items()
     )
     return (
@@ -126,6 +122,11 @@ def _idle_share(pid: int, seconds: float) -> float:
     return (cpu_s(pid) - before) / (time.perf_counter() - start)
 
 
+def _share(pairs: list[tuple[float, float]]) -> float:
+    """Of its peaks that a flood reaches: the median."""
+    return float(np.median([flood / peak for flood, peak in pairs]))
+
+
 def _failed(answers: Answers) -> int:
     return answers.count(500, 599) + answers.count(0, 0)
 
@@ -141,7 +142,7 @@ def _section(floods: Floods, seconds: int, before: int) -> str:
         f"## Overload: POST /encode, {OVERLOAD} times the peak, open loop, {seconds} s\n\n"
         f"The peak is that of closed loops of {CLIENTS[0]} and {CLIENTS[1]} clients before and after the flood: the "
         "better one of either time, their mean. A second is one that the host gave the server's core; by the clock, "
-        f"which counts what it gave to others, the median share is {floods.share(floods.by_clock):.2f}.\n\n"
+        f"which counts what it gave to others, the median share is {_share(floods.by_clock):.2f}.\n\n"
         "| goodput, photos/s | peak | share | goodput by the clock | peak by the clock |\n|---|---|---|---|---|\n"
         f"{rows}\n\n"
         f"Answered 2xx: {answers.count(200, 299):,}, p99 {answers.p99_ms():.0f} ms; 429: {answers.count(429, 429):,}; "

@@ -24,6 +24,7 @@ from benchmarks.report import Asked, asked_table
 from model.provenance import provenance
 from service.formats.weights import Weights, dump
 from service.mapping import HOF_1, initial_theta
+from service.settings import MIB
 
 CLIENTS: Final = 8
 SAMPLES: Final = 400  # of resident memory
@@ -31,7 +32,6 @@ WARM_UP: Final = 0.3  # of the requests, all clients asking for the same: the al
 BLOCKS: Final = 10  # of the samples; their slopes tell how sure the whole one is
 LEAVE_AFTER_S: Final = 0.002
 NO_ANSWER: Final = 599  # counts as 5xx
-MIB: Final = 2**20
 SPEC: Final = HOF_1.with_k(2)  # of what is imported
 
 

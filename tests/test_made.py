@@ -14,11 +14,11 @@ from model.data.build import build
 from model.data.dataset import MADE_A_DRAW, draw_batch, load_examples
 from model.data.manifest import SIZE
 from model.data.meshes import folder_records
-from model.data.primitives import Solid, assembled, between, box, cushion, leaned, rod, turned
+from model.data.primitives import MATERIALS, Solid, assembled, between, box, cushion, leaned, rod, turned
 from model.data.render import POINTS
 
 VIEWS = 2
-COLOURS = dict.fromkeys(made.MATERIALS, (0.5, 0.5, 0.5))
+COLOURS = dict.fromkeys(MATERIALS, (0.5, 0.5, 0.5))
 
 
 @pytest.mark.parametrize("design", made.DESIGNS, ids=lambda design: design.__name__)

@@ -4,10 +4,8 @@ import math
 
 import numpy as np
 
-from model.data.primitives import Doubles, Solid, between, cushion, turned
+from model.data.primitives import Doubles, Rng, Solid, between, cushion, signed_power, turned
 from model.data.stands import legs, stand
-
-Rng = np.random.Generator
 
 
 def tub(rng: Rng) -> list[Solid]:
@@ -45,8 +43,8 @@ def _around(
     heights = np.linspace(0, 1, 6)[:, None]
     y = low + heights * (tops - low)
     wider = 1 + flare * (y - low)
-    x = radii[0] * np.sign(np.sin(angles)) * np.abs(np.sin(angles)) ** squareness
-    z = -radii[1] * np.sign(np.cos(angles)) * np.abs(np.cos(angles)) ** squareness
+    x = radii[0] * signed_power(np.sin(angles), squareness)
+    z = -radii[1] * signed_power(np.cos(angles), squareness)
     return np.stack([x * wider, y, z * wider], axis=-1)
 
 
@@ -69,7 +67,7 @@ def bucket(rng: Rng) -> list[Solid]:
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     across = np.linspace(-1, 1, 15)
     narrow = rng.uniform(0, 0.6) * np.clip((along[:, 0] - rng.uniform(0.4, 0.8)) / 0.4, 0, 1) ** 2
-    half = width / 2 * (1 - np.clip(narrow, 0, 0.9))
+    half = width / 2 * (1 - narrow)
     raised = hollow * across**2
     shell = np.stack(
         [half[:, None] * across, y[:, None] + normal[:, :1] * raised, z[:, None] + normal[:, 1:] * raised], axis=-1
@@ -108,8 +106,8 @@ def cloth(rng: Rng, radii: tuple[float, float], top: float) -> list[Solid]:
     down = np.linspace(0, 1, 8)[:, None]
     folds = rng.uniform(0, 0.07) * down * np.cos(rng.integers(6, 16) * angles + rng.uniform(0, 6))
     wide = 1 + rng.uniform(0, 0.25) * down + folds
-    x = radii[0] * wide * np.sign(np.sin(angles)) * np.abs(np.sin(angles)) ** square
-    z = radii[1] * wide * np.sign(np.cos(angles)) * np.abs(np.cos(angles)) ** square
+    x = radii[0] * wide * signed_power(np.sin(angles), square)
+    z = radii[1] * wide * signed_power(np.cos(angles), square)
     y = np.broadcast_to(top - down * (top - hem), x.shape)
     skirt = np.stack([x, y, z], axis=-1)
     cover, material = turned([(0, top - 0.01), (1, top - 0.01), (1, top), (0, top)], "cloth")
@@ -117,6 +115,6 @@ def cloth(rng: Rng, radii: tuple[float, float], top: float) -> list[Solid]:
     at = np.arctan2(corners[:, 0], corners[:, 2])
     flat = np.hypot(corners[:, 0], corners[:, 2])
     for column, (radius, wave) in zip((0, 2), zip(radii, (np.sin(at), np.cos(at)), strict=True), strict=True):
-        corners[:, column] = flat * radius * np.sign(wave) * np.abs(wave) ** square
+        corners[:, column] = flat * radius * signed_power(wave, square)
     cover.vertices = corners
     return [between(skirt, skirt * np.array([0.98, 1, 0.98]), "cloth"), (cover, material)]

@@ -4,10 +4,8 @@ import math
 
 import numpy as np
 
-from model.data.primitives import Solid, box, cushion, ring, rod, turned
+from model.data.primitives import Rng, Solid, box, cushion, ring, rod, turned
 from model.data.stands import fronts, legs
-
-Rng = np.random.Generator
 
 
 def cabinet(rng: Rng) -> list[Solid]:

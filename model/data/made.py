@@ -12,14 +12,13 @@ import trimesh
 
 from model.data import curved, furnishings, seating, things
 from model.data.manifest import MADE, Manifest
-from model.data.primitives import Solid, Triple, assembled
+from model.data.primitives import MATERIALS, Rng, Solid, Triple, assembled
 from model.data.render import POINTS, shoot, stage
 from model.data.surface import sample_surface
 from model.data.variants import free_cameras
 from model.data.workers import run_told
 from model.files import whole_file
 
-Rng = np.random.Generator
 DESIGNS: Final[dict[Callable[[Rng], list[Solid]], float]] = {  # and how often each is drawn
     seating.chair: 0.15,
     seating.stool: 0.02,
@@ -41,7 +40,6 @@ DESIGNS: Final[dict[Callable[[Rng], list[Solid]], float]] = {  # and how often e
     things.figure: 0.02,
     things.opening: 0.01,
 }
-MATERIALS: Final = ("wood", "leg", "top", "front", "cloth", "cushion", "sheet", "cover", "shade")
 WOODS: Final = ((0.72, 0.53, 0.34), (0.45, 0.28, 0.17), (0.25, 0.16, 0.11), (0.85, 0.74, 0.56), (0.93, 0.92, 0.9))
 
 

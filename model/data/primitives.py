@@ -11,9 +11,18 @@ from model.data.meshes import to_object_frame
 SECTIONS: Final = 24  # around what is turned
 EDGE_RAD: Final = 0.7  # faces that meet at a sharper angle are shaded apart
 
-Solid = tuple[trimesh.Trimesh, str]  # and the name of its material
+MATERIALS: Final = ("wood", "leg", "top", "front", "cloth", "cushion", "sheet", "cover", "shade")
+
+Rng = np.random.Generator
+Solid = tuple[trimesh.Trimesh, str]  # and its material, one of MATERIALS
 Triple = tuple[float, float, float]
 Doubles = npt.NDArray[np.float64]
+
+
+def signed_power(numbers: Doubles, exponent: float) -> Doubles:
+    """The numbers' sizes to a power, with their signs: what makes a circle a superellipse."""
+    powers: Doubles = np.sign(numbers) * np.abs(numbers) ** exponent
+    return powers
 
 
 def box(low: Triple, high: Triple, material: str) -> Solid:
@@ -25,7 +34,7 @@ def cushion(low: Triple, high: Triple, material: str, roundness: float = 0.35) -
     """A superellipsoid in the box from corner to corner: `roundness` 1 is an ellipsoid, 0 the box."""
     mesh = trimesh.creation.icosphere(subdivisions=3)
     directions = np.asarray(mesh.vertices)
-    rounded = np.sign(directions) * np.abs(directions) ** roundness
+    rounded = signed_power(directions, roundness)
     mesh.vertices = np.mean([low, high], axis=0) + rounded / np.abs(rounded).max(axis=0) * np.subtract(high, low) / 2
     return mesh, material
 

@@ -5,10 +5,8 @@ import math
 import numpy as np
 
 from model.data.curved import arched_board, cloth
-from model.data.primitives import Solid, box, cushion, leaned, rod, turned
+from model.data.primitives import Rng, Solid, box, cushion, leaned, rod, turned
 from model.data.stands import fronts, legs, stand
-
-Rng = np.random.Generator
 
 
 def chair(rng: Rng) -> list[Solid]:

@@ -5,9 +5,7 @@ import math
 
 import numpy as np
 
-from model.data.primitives import Solid, box, rod, turned
-
-Rng = np.random.Generator
+from model.data.primitives import Rng, Solid, box, rod, turned
 
 
 def legs(rng: Rng, width: float, depth: float, height: float, radius: float) -> list[Solid]:

@@ -1,13 +1,13 @@
 """Designs of what is no furniture, at random: things put together from solids of any kind, plants, figures, doors."""
 
 import math
+from typing import Final
 
 import numpy as np
 
-from model.data.primitives import Doubles, Solid, Triple, between, box, cushion, rod, turned
+from model.data.primitives import MATERIALS, Doubles, Rng, Solid, Triple, between, box, cushion, rod, turned
 
-Rng = np.random.Generator
-MATERIALS = ("wood", "leg", "top", "front", "cloth", "cushion", "cover", "shade")
+COLOURED: Final = tuple(material for material in MATERIALS if material != "sheet")  # that is nearly always white
 
 
 def thing(rng: Rng) -> list[Solid]:
@@ -34,7 +34,7 @@ def thing(rng: Rng) -> list[Solid]:
 
 def _part(rng: Rng, low: Doubles, high: Doubles) -> Solid:
     """A solid that fills a box: a block, a rounded one, a bar along one of its sides, or a turned one."""
-    kind, material = rng.random(), MATERIALS[rng.integers(len(MATERIALS))]
+    kind, material = rng.random(), COLOURED[rng.integers(len(COLOURED))]
     start, end = _triple(low), _triple(high)
     if kind < 0.35:
         return box(start, end, material)
