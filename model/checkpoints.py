@@ -1,12 +1,16 @@
 """Read a run's checkpoints: the network, the encoder alone, or any method as a function of images."""
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+import onnx
 import torch
+from google.protobuf.message import DecodeError
+from onnx import numpy_helper
 from torch import nn
 
 from model.baselines import Hof, make_network
@@ -30,12 +34,16 @@ def load_network(checkpoint: Path) -> tuple[nn.Module, TrainConfig, dict[str, An
     """The averaged network of a checkpoint in evaluation mode, its config, and `step` and `elapsed_s`.
 
     These two count what the runs before it took that it started from. A checkpoint of version 0.1 has no
-    average: its weights are taken as they are.
+    average: its weights are taken as they are. An ONNX file of `model.export` is a checkpoint too, its
+    matrices rounded to float16.
 
     Raises
     ------
     FileNotFoundError : no such checkpoint.
+    ValueError : an ONNX file that is no encoder of `model.export`, or holds not all of its weights by name.
     """
+    if checkpoint.suffix == ".onnx":
+        return _exported(checkpoint)
     saved = torch.load(checkpoint, weights_only=True)
     config = TrainConfig.from_dict(saved["config"])
     network = make_network(config)
@@ -45,6 +53,31 @@ def load_network(checkpoint: Path) -> tuple[nn.Module, TrainConfig, dict[str, An
         network.load_state_dict({f"encoder.{name}": value for name, value in saved["encoder"].items()})
     before = saved.get("before", {"step": 0, "elapsed_s": 0.0})
     return network.eval(), config, {key: before[key] + saved[key] for key in ("step", "elapsed_s")}
+
+
+def _exported(file: Path) -> tuple[nn.Module, TrainConfig, dict[str, Any]]:
+    """The network that an ONNX file was exported from; its card says what it is."""
+    try:
+        graph = onnx.load(file)
+        card = json.loads({entry.key: entry.value for entry in graph.metadata_props}["hof.card"])
+        training = card["training"]
+        config = TrainConfig.from_dict(training["config"])
+    except (DecodeError, KeyError) as error:
+        raise ValueError(f"{file} is no encoder that `hof-model export` wrote: {error!r}") from None
+    stored = {each.name.removesuffix(".float16"): numpy_helper.to_array(each) for each in graph.graph.initializer}
+    is_colored = any(name.startswith("encoder.") for name in stored)
+    network = make_network(config)
+    weights = {}
+    for name, value in network.state_dict().items():
+        source = name if is_colored else name.removeprefix("encoder.")
+        if source in stored:
+            weights[name] = torch.from_numpy(stored[source].astype(np.float32))
+        elif name.endswith("num_batches_tracked"):  # counted, never used
+            weights[name] = value
+        else:
+            raise ValueError(f"{file} holds no {source}, it may equal another weight: start from a .pt file")
+    network.load_state_dict(weights)
+    return network.eval(), config, {"step": training["steps"], "elapsed_s": 60 * training["minutes"]}
 
 
 def load_encoder(checkpoint: Path) -> tuple[ImageEncoder, TrainConfig, dict[str, Any]]:

@@ -156,6 +156,33 @@ def test_a_run_starts_from_an_older_checkpoint_and_counts_its_steps(run: Path, d
     assert torch.equal(started.head.linear.weight, encoder.head.linear.weight)  # nothing was learnt
 
 
+def test_an_exported_encoder_is_a_checkpoint(run: Path, exported: Path, tmp_path: Path) -> None:
+    encoder, config, before = load_encoder(chosen_checkpoint(run))
+    again, same, state = load_encoder(exported)
+    assert same == config
+    assert state["step"] == before["step"]
+    assert state["elapsed_s"] == pytest.approx(before["elapsed_s"], abs=3)  # the card has tenths of minutes
+    for name, value in encoder.state_dict().items():
+        if not name.endswith("num_batches_tracked"):
+            rounded = value.half().float() if value.dim() > 1 else value
+            assert torch.equal(again.state_dict()[name], rounded), name
+    started = _State.begin(replace(CONFIG, start=str(exported)))
+    assert torch.equal(started.network.state_dict()["encoder.head.linear.weight"], again.head.linear.weight)
+    for content in (b"no ONNX", cli.SHIPPED.read_bytes()[:99]):
+        (tmp_path / "other.onnx").write_bytes(content)
+        with pytest.raises(ValueError, match="no encoder that `hof-model export` wrote"):
+            load_network(tmp_path / "other.onnx")
+
+
+@pytest.mark.parametrize("name", ["hof1-k2", "hof1-k4"])
+def test_the_shipped_weights_are_checkpoints(name: str) -> None:
+    file = cli.SHIPPED.parent / f"{name}.onnx"
+    encoder, config, _ = load_encoder(file)
+    images = np.random.default_rng(0).random((2, 3, config.framing.size, config.framing.size), np.float32)
+    theta = np.stack([functions.theta for functions in Encoder.open(file, threads=1).encode(images)])
+    np.testing.assert_allclose(encoder(torch.from_numpy(images)).detach().numpy(), theta, atol=TOLERANCE)
+
+
 def test_a_start_of_another_kind_is_refused(run: Path, data: Path, tmp_path: Path) -> None:
     spec, lite0 = CONFIG.spec.with_k(1), replace(CONFIG.encoder, trunk="lite0")
     for what, change in {

@@ -54,9 +54,11 @@ def shelf(rng: Rng) -> list[Solid]:
 
 
 def lamp(rng: Rng) -> list[Solid]:
-    """A lamp that stands on the floor or a table, hangs, or bends over a desk."""
+    """A lamp that stands on the floor or a table, hangs, bends over a desk, or has spots on a rail."""
     kind, height = rng.random(), rng.uniform(0.3, 1.8)
     size = rng.uniform(0.08, 0.25) * (1 + height / 2)
+    if kind < 0.1:
+        return _rail(rng)
     if kind < 0.25:  # hangs
         return [
             rod((0, 0, 0), (0, height / 2, 0), 0.008, "leg"),
@@ -80,6 +82,18 @@ def lamp(rng: Rng) -> list[Solid]:
             *_shade(rng, size * 1.2, tall + size * 0.5),
         ]
     return [base, rod((0, 0, 0), (0, height, 0), rng.uniform(0.008, 0.03), "leg"), *_shade(rng, size, height)]
+
+
+def _rail(rng: Rng) -> list[Solid]:
+    """Spots that hang from a bar, each turned its own way."""
+    half, thick, size = rng.uniform(0.3, 0.9), rng.uniform(0.01, 0.03), rng.uniform(0.03, 0.08)
+    solids = [box((-half, 0, -thick), (half, 1.5 * thick, thick), "leg")]
+    for x in np.linspace(-half, half, int(rng.integers(3, 8)))[1:-1]:
+        low, side, ahead = -rng.uniform(1.0, 2.5) * size, rng.uniform(-1, 1) * size, rng.uniform(-1, 2) * size
+        tip = (x + side, low - 1.5 * size, ahead)
+        solids.append(rod((x, 0, 0), (x, low, 0), thick / 2, "leg"))
+        solids.append(rod((x, low, 0), tip, (size * 0.5, size), "shade", 16))
+    return solids
 
 
 def _shade(rng: Rng, size: float, y: float) -> list[Solid]:

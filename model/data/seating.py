@@ -96,7 +96,7 @@ def sofa(rng: Rng) -> list[Solid]:
         solids += _soft_arms(rng, inner, arm, foot, (seat + rng.uniform(0.05, 0.25), front), round_)
     if foot:
         solids += legs(rng, width, depth, foot, 0.03)
-    if seats > 1 and rng.random() < 0.2:  # around a corner
+    if seats > 1 and rng.random() < 0.3:  # around a corner
         side, reach = rng.choice([-1, 1]), rng.uniform(0.5, 1.0)
         near, far = sorted((side * inner, side * (inner - each)))
         solids.append(cushion((near, foot, front), (far, seat, front + reach), "cloth", 0.2))

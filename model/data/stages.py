@@ -35,7 +35,7 @@ def add_stages(data: "argparse._SubParsersAction[argparse.ArgumentParser]") -> N
     make = data.add_parser("make", help="make furniture and other things by rule, for training only")
     make.set_defaults(run=_make)
     make.add_argument("--data", type=Path, default=DATA)
-    make.add_argument("--pieces", type=int, default=3_000)
+    make.add_argument("--pieces", type=int, default=5_000)
     make.add_argument("--views", type=int, default=10, help="per piece")
     make.add_argument("--processes", type=int, default=os.cpu_count() or 1)
     photographs = data.add_parser("photographs", help="download free photographs to stand behind objects in training")

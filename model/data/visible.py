@@ -1,0 +1,54 @@
+"""Which points of a surface can be seen from outside: what no image shows is no target for training."""
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+GRID: Final = 96  # cells a side of a depth image, over a little more than the object frame's diagonal
+REACH: Final = 0.9  # half of that side, longest sides
+DEPTH: Final = 0.03  # how far behind the nearest point a point is still seen: what a slope covers in a cell
+DIRECTIONS: Final = 64
+GOLDEN_RAD: Final = np.pi * (3 - 5**0.5)
+
+Floats = npt.NDArray[np.float32]
+
+
+def visible(points: Floats, surface: Floats) -> npt.NDArray[np.bool_]:
+    """Whether each point is seen from any of DIRECTIONS around the object, by depth images that `surface` is
+    splatted into, three cells a side each.
+
+    Parameters
+    ----------
+    points : (n, 3), object frame.
+    surface : (m, 3), what may hide them: 40,000 close every hole of a box.
+
+    Returns
+    -------
+    (n,) bool
+    """
+    seen = np.zeros(len(points), bool)
+    for toward, right, up in _directions():
+        nearest = np.full((GRID + 2) ** 2, -np.inf, np.float32)
+        np.maximum.at(nearest, _cells(surface, right, up), surface @ toward)
+        image = nearest.reshape(GRID + 2, GRID + 2)
+        for axis in (0, 1):
+            image = np.maximum(image, np.maximum(np.roll(image, 1, axis), np.roll(image, -1, axis)))
+        seen |= points @ toward > image.ravel()[_cells(points, right, up)] - DEPTH
+    return seen
+
+
+def _cells(points: Floats, right: Floats, up: Floats) -> npt.NDArray[np.intp]:
+    """The number of the cell that each point falls into; the image has an empty rim of one cell."""
+    column, row = ((points @ axis / (2 * REACH) + 0.5) * GRID for axis in (right, up))
+    return (row.astype(np.intp) + 1) * (GRID + 2) + column.astype(np.intp) + 1
+
+
+def _directions() -> list[npt.NDArray[np.float32]]:
+    """DIRECTIONS triples of unit vectors (toward the viewer, right, up), (3, 3) each: a spiral on the sphere."""
+    numbers = np.arange(DIRECTIONS)
+    y = 1 - (2 * numbers + 1) / DIRECTIONS
+    flat = np.sqrt(1 - y**2)
+    toward = np.stack([flat * np.cos(GOLDEN_RAD * numbers), y, flat * np.sin(GOLDEN_RAD * numbers)], axis=1)
+    right = np.stack([toward[:, 2], 0 * y, -toward[:, 0]], axis=1) / flat[:, None]
+    return list(np.stack([toward, right, np.cross(toward, right)], axis=1).astype(np.float32))
