@@ -27,10 +27,11 @@ class EncoderConfig:
     trunk: Literal["dense", "lite0"] = "dense"
     frozen: int = 3  # blocks of Lite0 that are not trained
     joined_maps: int = 96  # what Lite0's last maps are brought down to
+    fine_maps: int = 0  # and those of half their stride, which tell better where things are
 
 
 DENSE: Final = EncoderConfig()
-LITE0: Final = EncoderConfig(trunk="lite0", fully_connected=(1024,))
+LITE0: Final = EncoderConfig(trunk="lite0", fully_connected=(1024,), fine_maps=16)
 
 
 @dataclass(frozen=True)

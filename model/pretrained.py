@@ -28,6 +28,8 @@ STAGES: Final = (  # blocks, kernel, stride of the first, expansion, maps (Tan a
 EPSILON: Final = 1e-3  # of its batch normalisation
 MAPS: Final = STAGES[-1][-1]
 STRIDE: Final = 32
+FINE_BLOCKS: Final = sum(count for count, *_ in STAGES[:5])  # the last maps of half the stride
+FINE_MAPS: Final = STAGES[4][-1]
 
 
 class Lite0(nn.Module):
@@ -50,11 +52,18 @@ class Lite0(nn.Module):
             module.requires_grad_(requires_grad=False)
 
     def forward(self, images: Tensor) -> Tensor:
-        """The maps of a batch."""
-        x = nnf.relu6(self.stem((images.flip(2, 3) - MEAN) / SPREAD))
-        for block in self.blocks:
+        """The last maps of a batch."""
+        return self.look(images)[1]
+
+    def look(self, images: Tensor) -> tuple[Tensor, Tensor]:
+        """Maps (b, FINE_MAPS, 2 s / STRIDE, 2 s / STRIDE) on the way, and the last."""
+        fine = nnf.relu6(self.stem((images.flip(2, 3) - MEAN) / SPREAD))
+        for block in self.blocks[:FINE_BLOCKS]:
+            fine = block(fine)
+        x = fine
+        for block in self.blocks[FINE_BLOCKS:]:
             x = block(x)
-        return x.flip(2, 3)
+        return fine.flip(2, 3), x.flip(2, 3)
 
 
 class Block(nn.Module):

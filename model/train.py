@@ -11,6 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 import torch
+import torch.nn.functional as nnf
 from torch import Tensor, nn
 from tqdm import tqdm
 
@@ -167,21 +168,30 @@ def _pretrained(network: nn.Module) -> list[Lite0]:
 
 
 def _shared(theirs: Weights, started: TrainConfig, own: Weights, config: TrainConfig) -> Weights:
-    """The weights to begin with: theirs, but of a run with another trunk the head's, with another spec the trunk's."""
+    """The weights to begin with: theirs, but of a run with another trunk the head's, with another spec the trunk's.
+
+    A trunk that has finer maps besides is the same trunk: what reads them starts at zero.
+    """
     for what, was, is_now in (
         ("method", started.method, config.method),
         ("rank", started.encoder.rank, config.encoder.rank),
     ):
         if was != is_now:
             raise ValueError(f"{config.start} was trained with another {what}: {was}")
-    same_trunk = (started.encoder, started.framing) == (config.encoder, config.framing)
+    coarse = replace(config.encoder, fine_maps=0)
+    same_trunk = started.encoder in (config.encoder, coarse) and started.framing == config.framing
     same_head = started.spec == config.spec
-    kept = {name for name in own if (same_head if ".head." in name else same_trunk)}
+    kept = {name for name in own if (same_head if ".head." in name else same_trunk and name in theirs)}
     if not kept:
         raise ValueError(
             f"{config.start} was trained with another trunk and another spec: it has nothing to start from"
         )
-    return own | {name: theirs[name] for name in kept}
+    return own | {name: _widened(theirs[name], own[name].shape) for name in kept}
+
+
+def _widened(weight: Tensor, shape: torch.Size) -> Tensor:
+    """The weight, with zeros for the inputs that it lacks."""
+    return weight if weight.shape == shape else nnf.pad(weight, (0, shape[1] - weight.shape[1]))
 
 
 def _sizes(config: TrainConfig, progress: float) -> TrainConfig:

@@ -13,7 +13,7 @@ FOLDER: Final = Path("model/results/tried")  # below the project's root
 
 def section(root: Path) -> str:
     """A row for each record that `hof-model evaluate --run RUN --photographs -o` wrote to FOLDER; empty without any."""
-    records = [Record.read(path) for path in sorted((root / FOLDER).glob("*.json"))]
+    records = [Record.read(path) for path in sorted((root / FOLDER).glob("*.json"), key=_number)]
     if not records:
         return ""
     rows = [row for record in records for row in _rows(record)]
@@ -26,6 +26,11 @@ The runs of `model/LAB.md`, which tells what each changed and what else was trie
 that one started from.
 
 {table(head, rows)}"""
+
+
+def _number(path: Path) -> tuple[int, str]:
+    """run-9 before run-10."""
+    return len(path.name), path.name
 
 
 def _rows(record: Record) -> list[list[str]]:

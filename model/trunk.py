@@ -57,18 +57,23 @@ class DenseMaps(nn.Sequential):
 
 
 class LiteMaps(nn.Module):
-    """A pretrained EfficientNet-Lite0, its maps brought down to fewer."""
+    """A pretrained EfficientNet-Lite0, its maps brought down to fewer, and its finer ones behind them, four to a cell."""
 
     def __init__(self, config: EncoderConfig) -> None:
         super().__init__()
         self.lite0 = Lite0(config.frozen)
         self.joined = nn.Conv2d(pretrained.MAPS, config.joined_maps, 1)
-        self.maps = config.joined_maps
+        self.fine = nn.Conv2d(pretrained.FINE_MAPS, config.fine_maps, 1) if config.fine_maps else None
+        self.maps = config.joined_maps + 4 * config.fine_maps
         self.stride = pretrained.STRIDE
 
     def forward(self, images: Tensor) -> Tensor:
         """(b, 3, s, s) in [0, 1] -> (b, `maps`, s / `stride`, s / `stride`)."""
-        return nnf.dropout(nnf.relu(self.joined(self.lite0(images))), DROPOUT, self.training)
+        fine, last = self.lite0.look(images)
+        maps = self.joined(last)
+        if self.fine is not None:
+            maps = torch.cat([maps, nnf.pixel_unshuffle(self.fine(fine), 2)], dim=1)
+        return nnf.dropout(nnf.relu(maps), DROPOUT, self.training)
 
 
 class ImageTrunk(nn.Module):

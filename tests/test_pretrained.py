@@ -15,7 +15,7 @@ from model.data.dataset import Batch
 from model.export import TOLERANCE, export
 from model.features import _Pooled
 from model.networks import ImageEncoder
-from model.pretrained import MAPS, MEAN, SPREAD, Lite0, load_imagenet
+from model.pretrained import FINE_MAPS, MAPS, MEAN, SPREAD, Lite0, load_imagenet
 from model.train import _State, _step
 from service.encoder import Encoder
 
@@ -34,11 +34,15 @@ def lite0() -> Lite0:
 def test_maps_are_those_of_the_published_network(lite0: Lite0) -> None:
     published, images = _Pooled().network.eval(), torch.rand(2, 3, 128, 128)
     x = published._swish(published._bn0(published._conv_stem((images - MEAN) / SPREAD)))
+    widest = {}
     for block in published._blocks:
         x = block(x)
-    found = lite0(images)
-    assert found.shape == (2, MAPS, 4, 4)
+        widest[x.shape[-1]] = x
+    fine, found = lite0.look(images)
+    assert (fine.shape, found.shape) == ((2, FINE_MAPS, 8, 8), (2, MAPS, 4, 4))
+    assert fine.numpy() == pytest.approx(widest[8].numpy(), abs=1e-3)
     assert found.numpy() == pytest.approx(x.numpy(), abs=1e-3)
+    assert torch.equal(lite0(images), found)
 
 
 def batch(config: TrainConfig) -> Batch:
@@ -73,6 +77,28 @@ def test_another_trunk_starts_with_the_head_of_a_run(tmp_path: Path) -> None:
     dense.save(tmp_path, score=0)
     started = _State.begin(replace(CONFIG, start=str(tmp_path / "last.pt")))
     assert torch.equal(parts(started).head.linear.weight, parts(dense).head.linear.weight)
+
+
+def test_finer_maps_are_added_to_a_run_that_had_none(tmp_path: Path) -> None:
+    coarse = _State.begin(CONFIG)
+    coarse.save(tmp_path, score=0)
+    finer = replace(CONFIG, encoder=replace(ENCODER, fine_maps=3), start=str(tmp_path / "last.pt"))
+    state, images = _State.begin(finer), torch.rand(2, 3, 32, 32)
+    with torch.no_grad():
+        assert torch.allclose(parts(state).eval()(images), parts(coarse).eval()(images), atol=1e-6)
+    with ThreadPoolExecutor(1) as threads:
+        for _ in range(2):  # at first only the weights that read them move
+            _step(state, batch(finer), 0.5, threads)
+    assert not torch.equal(state.network.state_dict()["encoder.features.fine.weight"], parts_fine(finer))
+    state.save(tmp_path, score=1)
+    with pytest.raises(ValueError, match="another trunk"):
+        _State.begin(replace(CONFIG, spec=CONFIG.spec.with_k(1), start=str(tmp_path / "last.pt")))
+
+
+def parts_fine(config: TrainConfig) -> torch.Tensor:
+    """The finer maps' weights as a run begins with them."""
+    fine: torch.Tensor = _State.begin(config).network.state_dict()["encoder.features.fine.weight"]
+    return fine
 
 
 def test_a_checkpoint_loads_without_the_published_weights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
