@@ -57,7 +57,7 @@ class DenseMaps(nn.Sequential):
 
 
 class LiteMaps(nn.Module):
-    """A pretrained EfficientNet-Lite0, its maps brought down to fewer, and its finer ones behind them, four to a cell."""
+    """A pretrained EfficientNet-Lite0, its maps brought down to fewer; its finer ones behind them, four to a cell."""
 
     def __init__(self, config: EncoderConfig) -> None:
         super().__init__()
