@@ -1,6 +1,5 @@
 """Read a run's checkpoints: the network, the encoder alone, or any method as a function of images."""
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
@@ -9,7 +8,6 @@ import numpy as np
 import numpy.typing as npt
 import onnx
 import torch
-from google.protobuf.message import DecodeError
 from onnx import numpy_helper
 from torch import nn
 
@@ -17,6 +15,7 @@ from model.baselines import Hof, make_network
 from model.config import TrainConfig
 from model.networks import ImageEncoder
 from service.canonical import canonical_points
+from service.encoder import Encoder
 
 Floats = npt.NDArray[np.float32]
 Predictor = Callable[[Floats, int, int], Floats]
@@ -40,7 +39,8 @@ def load_network(checkpoint: Path) -> tuple[nn.Module, TrainConfig, dict[str, An
     Raises
     ------
     FileNotFoundError : no such checkpoint.
-    ValueError : an ONNX file that is no encoder of `model.export`, or holds not all of its weights by name.
+    InvalidModel : an ONNX file that is no image encoder.
+    ValueError : one whose card does not tell its config, or that holds not all weights by name.
     """
     if checkpoint.suffix == ".onnx":
         return _exported(checkpoint)
@@ -57,14 +57,14 @@ def load_network(checkpoint: Path) -> tuple[nn.Module, TrainConfig, dict[str, An
 
 def _exported(file: Path) -> tuple[nn.Module, TrainConfig, dict[str, Any]]:
     """The network that an ONNX file was exported from; its card says what it is."""
+    card = Encoder.open(file, threads=1).card
     try:
-        graph = onnx.load(file)
-        card = json.loads({entry.key: entry.value for entry in graph.metadata_props}["hof.card"])
         training = card["training"]
         config = TrainConfig.from_dict(training["config"])
-    except (DecodeError, KeyError) as error:
-        raise ValueError(f"{file} is no encoder that `hof-model export` wrote: {error!r}") from None
-    stored = {each.name.removesuffix(".float16"): numpy_helper.to_array(each) for each in graph.graph.initializer}
+    except (KeyError, TypeError) as error:
+        raise ValueError(f"the card of {file} does not tell how it was trained: {error!r}") from None
+    initializers = onnx.load(file).graph.initializer
+    stored = {each.name.removesuffix(".float16"): numpy_helper.to_array(each) for each in initializers}
     is_colored = any(name.startswith("encoder.") for name in stored)
     network = make_network(config)
     weights = {}

@@ -5,6 +5,7 @@ import pytest
 import trimesh
 
 from model.data import made
+from model.data.render import POINTS
 from model.data.surface import Floats, sample_surface
 from model.data.visible import visible
 
@@ -50,7 +51,7 @@ def test_made_pieces_keep_what_is_seen() -> None:
     """A cushion that reaches into its base: no point inside either."""
     parts = [box((-0.5, -0.3, -0.5), (0.5, 0.1, 0.5)), box((-0.4, -0.1, -0.4), (0.4, 0.3, 0.4))]
     points = made.seen_points(parts, np.random.default_rng(0))
-    assert points.shape == (made.POINTS, 3)
+    assert points.shape == (POINTS, 3)
     x, y, z = np.abs(points[:, 0]), points[:, 1], np.abs(points[:, 2])
     assert not ((x < 0.36) & (z < 0.36) & (y > -0.26) & (y < 0.26)).any()
     base_top = np.isclose(y, 0.1, atol=1e-6) & ((x > 0.4) | (z > 0.4))
