@@ -33,7 +33,6 @@ POINTS: Final = 20_000
 START_TIMEOUT_S: Final = 60
 REQUEST_TIMEOUT_S: Final = 60
 SIDE: Final = 480  # pixels of a cell of the picture
-SUPERSAMPLING: Final = 2
 
 
 def main() -> int:
@@ -123,8 +122,7 @@ def row(photo: Path, points: Floats, colors: Bytes | None) -> Bytes:
     scale = 0.9 * SIDE / max(picture.size)
     picture = picture.resize((round(picture.width * scale), round(picture.height * scale)))
     cell.alpha_composite(picture, ((SIDE - picture.width) // 2, (SIDE - picture.height) // 2))
-    drawn = Image.fromarray(draw(points, SIDE * SUPERSAMPLING, colors=colors)).reduce(SUPERSAMPLING)
-    return np.concatenate([np.asarray(cell.convert("RGB")), np.asarray(drawn)], axis=1)
+    return np.concatenate([np.asarray(cell.convert("RGB")), draw(points, SIDE, colors=colors)], axis=1)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,6 @@ Cell = tuple[str, Array]  # label, points (n, 3)
 
 CELL: Final = 320  # pixels
 LABEL: Final = 28
-SUPERSAMPLING: Final = 2
 MAX_POINTS: Final = 100_000  # of a cell: more would only fill it
 
 
@@ -46,7 +45,6 @@ def sheet(rows: Sequence[Sequence[Cell]], title: str = "", cell: int = CELL) -> 
     for row in rows:
         for column, (text, points) in enumerate(row):
             pen.text((column * cell + 8, top + 6), text, "black", font)
-            drawn = Image.fromarray(draw(points, cell * SUPERSAMPLING)).reduce(SUPERSAMPLING)
-            image.paste(drawn, (column * cell, top + LABEL))
+            image.paste(Image.fromarray(draw(points, cell)), (column * cell, top + LABEL))
         top += LABEL + cell
     return image

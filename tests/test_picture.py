@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from service.picture import EXTENT, FAR, GROUND, NEAR, draw
+from service.picture import EXTENT, FAR, GROUND, NEAR, WIDEST, draw
 
 SIZE = 145  # a hundred pixels a unit
 
 
 def drawn(*points: tuple[float, float, float], azimuth: float = 0, elevation: float = 0) -> dict[tuple[int, int], int]:
-    """(row, column) -> red of the pixels that are not ground."""
+    """(row, column) -> red of the pixels that are not ground; its edges are mixed with the ground."""
     image = draw(np.array(points, np.float32), SIZE, azimuth, elevation)
     rows, columns = np.nonzero((image != GROUND).any(axis=2))
     return {(int(r), int(c)): int(image[r, c, 0]) for r, c in zip(rows, columns, strict=True)}
@@ -27,29 +27,48 @@ def drawn(*points: tuple[float, float, float], azimuth: float = 0, elevation: fl
 def test_a_point_lands_where_the_camera_sees_it(
     point: tuple[float, float, float], azimuth: float, elevation: float, pixel: tuple[int, int]
 ) -> None:
-    ((row, column),) = drawn(point, azimuth=azimuth, elevation=elevation)
-    assert abs(row - pixel[0]) <= 1
-    assert abs(column - pixel[1]) <= 1
+    places = np.array(list(drawn(point, azimuth=azimuth, elevation=elevation)))
+    assert np.abs(places.mean(axis=0) - pixel).max() <= 1
+    assert np.abs(places - pixel).max() <= 1 + SIZE * WIDEST
 
 
 def test_the_nearer_point_hides_the_other_whatever_their_order() -> None:
     near, far = (0.0, 0.0, 0.6), (0.0, 0.0, -0.6)
     alone = drawn(near)
     assert drawn(near, far) == drawn(far, near) == alone
-    assert next(iter(drawn(far).values())) > next(iter(alone.values()))  # the far one is lighter
-    assert NEAR[0] <= next(iter(alone.values())) <= FAR[0]
+    assert min(drawn(far).values()) > min(alone.values())  # the far one is lighter
+    assert NEAR[0] <= min(alone.values()) <= FAR[0]
 
 
 def test_points_are_drawn_in_their_colours_far_ones_dimmer() -> None:
     points = np.array([[-0.3, 0, 0.7], [0.3, 0, -0.7]], np.float32)
     colors = np.array([[200, 100, 0], [200, 100, 0]], np.uint8)
     image = draw(points, SIZE, 0, 0, colors)
-    assert {tuple(pixel) for pixel in image[(image != GROUND).any(axis=2)].tolist()} == {(200, 100, 0), (140, 70, 0)}
+    assert {tuple(pixel) for pixel in image[image[..., 2] == 0].tolist()} == {(200, 100, 0), (140, 70, 0)}
 
 
 def test_points_beyond_the_frame_are_left_out() -> None:
     assert drawn((EXTENT, 0, 0), (0, -EXTENT, 0)) == {}
 
 
-def test_points_grow_with_the_picture() -> None:
-    assert (draw(np.zeros((1, 3), np.float32), 640) != GROUND).any(axis=2).sum() == 25
+def test_points_grow_with_the_picture_and_shrink_with_their_number() -> None:
+    def area(points: int, size: int) -> float:
+        light = draw(np.zeros((points, 3), np.float32), size)[..., 0].astype(float)
+        return float((GROUND - light).sum() / (GROUND - light.min()))
+
+    assert area(1, 640) == pytest.approx(np.pi * 6.4**2, rel=0.1)
+    assert area(1, 320) == pytest.approx(np.pi * 3.2**2, rel=0.1)
+    assert area(1_000_000, 320) <= 1
+
+
+def test_what_lies_behind_an_edge_is_darker() -> None:
+    """A plate before another's left half: only the other's rim beside it is shaded."""
+    across, along = (each.ravel() for each in np.meshgrid(*[np.linspace(-0.5, 0.5, 300)] * 2))
+    far = np.stack([across, along, np.full_like(across, -0.2)], axis=1)
+    near = np.stack([across * 0.5 - 0.25, along, np.zeros_like(across)], axis=1)
+    grey = np.full((2 * len(across), 3), 200, np.uint8)
+    row = draw(np.concatenate([far, near]).astype(np.float32), SIZE, 0, 0, grey)[SIZE // 2, :, 0].astype(int)
+    left, rim, right = row[30:66], row[73:76], row[90:118]
+    assert np.ptp(left) == np.ptp(right) == 0
+    assert rim.max() < 0.85 * right[0] < left[0]
+    assert (row[np.r_[0:18, 128:SIZE]] == GROUND).all()
