@@ -105,7 +105,7 @@ def _add_train(stage: argparse.ArgumentParser) -> None:
     stage.add_argument("--run", type=Path, default=RUN, dest="folder", help="where checkpoints, log and plot go")
     stage.add_argument("--minutes", type=float, default=64.0)
     stage.add_argument("--steps", type=int, help="budget in steps, instead of minutes")
-    stage.add_argument("--start", type=Path, help="checkpoint whose weights a new run starts from")
+    stage.add_argument("--start", type=Path, help="checkpoint or exported model whose weights a new run starts from")
     stage.add_argument("--method", choices=("hof", "deepsdf", "foldingnet", "direct"), default="hof")
     stage.add_argument("--mapping", choices=("HOF-1", "HOF-3"), default="HOF-1")
     stage.add_argument("--hidden", type=int, nargs="+", help="hidden widths, instead of the mapping's own")

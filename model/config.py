@@ -48,8 +48,8 @@ class TrainConfig:
     variants : draw from the stretched shapes too, not from the data set's own alone.
     made : draw from the furniture made by rule too.
     pretrained_rate : share of the learning rate that a pretrained trunk has.
-    start : checkpoint whose weights the run starts from: for another spec those of its trunk, for another trunk
-        those of its head; None starts anew.
+    start : checkpoint or exported encoder whose weights the run starts from: for another spec those of its trunk, for
+        another trunk those of its head; None starts anew.
     """
 
     spec: MappingSpec = field(default_factory=lambda: HOF_1.with_k(2))

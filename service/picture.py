@@ -21,10 +21,10 @@ DIMMEST: Final = 0.7  # of their colour's light: the farthest points
 DISC: Final = (
     0.8  # a disc's radius, in sides of the picture over the root of the number of points: so that surfaces close
 )
-WIDEST: Final = 1 / 100  # the same, in sides, for few points
+WIDEST: Final = 1 / 75  # the same, in sides, for few points
 REACHES: Final = (1 / 160, 1 / 80, 1 / 40)  # sides: how far around a pixel something may shade it
 DEEPEST: Final = 0.15  # longest sides: what is nearer by more shades no more than that
-SHADE: Final = 16.0  # how dark: light falls by 1 / e where all around is nearer by 1 / SHADE
+SHADE: Final = 10.0  # how dark: light falls by 1 / e where all around is nearer by 1 / SHADE
 BEHIND: Final = -10.0  # the depth of the ground
 
 

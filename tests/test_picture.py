@@ -56,8 +56,8 @@ def test_points_grow_with_the_picture_and_shrink_with_their_number() -> None:
         light = draw(np.zeros((points, 3), np.float32), size)[..., 0].astype(float)
         return float((GROUND - light).sum() / (GROUND - light.min()))
 
-    assert area(1, 640) == pytest.approx(np.pi * 6.4**2, rel=0.1)
-    assert area(1, 320) == pytest.approx(np.pi * 3.2**2, rel=0.1)
+    assert area(1, 640) == pytest.approx(np.pi * (640 * WIDEST) ** 2, rel=0.1)
+    assert area(1, 320) == pytest.approx(np.pi * (320 * WIDEST) ** 2, rel=0.1)
     assert area(1_000_000, 320) <= 1
 
 
