@@ -118,6 +118,7 @@ def _add_train(stage: argparse.ArgumentParser) -> None:
     stage.add_argument("--rank", type=int, default=256, help="bottleneck before theta; 0 is the paper's full rank")
     stage.add_argument("--batch", type=int, default=32)
     stage.add_argument("--learning-rate", type=float, default=7e-4)
+    stage.add_argument("--pretrained-rate", type=float, default=0.3, help="share of it that pretrained layers have")
     stage.add_argument("--projection", type=float, default=0.0, help="lambda of the projection regularisation")
     stage.add_argument("--variants", action="store_true", help="train on the stretched shapes too")
     stage.add_argument("--made", action="store_true", help="train on the furniture made by rule too")
@@ -156,6 +157,7 @@ def _train(arguments: argparse.Namespace) -> None:
         seed=arguments.seed,
         batch=arguments.batch,
         learning_rate=arguments.learning_rate,
+        pretrained_rate=arguments.pretrained_rate,
         projection=arguments.projection,
         minutes=arguments.minutes,
         steps=arguments.steps,
