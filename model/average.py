@@ -1,9 +1,13 @@
-"""The exponential moving average of a network's weights: smoother than its last step, and what is exported."""
+"""Means of weights: the exponential moving average over a run, which is what is exported, and the mean of two runs."""
 
+from pathlib import Path
 from typing import Final
 
 import torch
 from torch import nn
+
+from model.checkpoints import chosen_checkpoint
+from model.files import whole_file
 
 EMA_DECAY: Final = 0.999  # per step
 
@@ -21,3 +25,29 @@ def update_average(average: nn.Module, network: nn.Module, step: int) -> None:
             kept.lerp_(now[name], 1 - decay)
         else:
             kept.copy_(now[name])
+
+
+def blend(run: Path, later: Path, share: float, out: Path) -> Path:
+    """Write `out/best.pt`, the mean of two runs' chosen checkpoints, `share` of it the later one's; return its path.
+
+    Of a run and one that started from it, the mean may be better than both (Wortsman et al. 2022, model soups).
+
+    Raises
+    ------
+    FileNotFoundError : a run has no checkpoint.
+    ValueError : the runs are not of the same network, or `share` is not in [0, 1].
+    """
+    if not 0 <= share <= 1:
+        raise ValueError(f"share is {share}, it must be from 0 to 1")
+    first, saved = (torch.load(chosen_checkpoint(folder), weights_only=True) for folder in (run, later))
+    for what in ("spec", "encoder", "framing", "method"):
+        if first["config"][what] != saved["config"][what]:
+            raise ValueError(f"{run} and {later} differ in their {what}")
+    for name, weight in saved["average"].items():
+        if weight.is_floating_point():
+            saved["average"][name] = torch.lerp(first["average"][name], weight, share)
+    out.mkdir(parents=True, exist_ok=True)
+    path = out / "best.pt"
+    with whole_file(path) as file:
+        torch.save(saved, file)
+    return path

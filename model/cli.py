@@ -34,6 +34,12 @@ def _parser() -> argparse.ArgumentParser:
     add_stages(stages.add_parser("data", help="build or look at a data set").add_subparsers(required=True))
     _add_train(stages.add_parser("train", help="train an image encoder; an existing run is resumed"))
     _add_evaluate(stages.add_parser("evaluate", help="print the figures of a trained model, or write its raw metrics"))
+    stage = stages.add_parser("blend", help="the mean of a run's weights and a later one's, as a run")
+    stage.set_defaults(run=_blend)
+    stage.add_argument("first", type=Path, metavar="RUN")
+    stage.add_argument("later", type=Path, metavar="LATER", help="a run that started from it")
+    stage.add_argument("--share", type=float, default=0.5, help="of the later run's weights")
+    stage.add_argument("-o", "--out", type=Path, required=True, help="folder of the run that is written")
     stage = stages.add_parser("color", help="train the colour head of a trained run, whose encoder stays as it is")
     stage.set_defaults(run=_color)
     _add_common(stage)
@@ -172,6 +178,12 @@ def _train(arguments: argparse.Namespace) -> None:
     checkpoint = train(arguments.data, arguments.folder, config)
     plot_losses(arguments.folder, arguments.folder / "loss.png")
     print(checkpoint)
+
+
+def _blend(arguments: argparse.Namespace) -> None:
+    from model.average import blend
+
+    print(blend(arguments.first, arguments.later, arguments.share, arguments.out))
 
 
 def _color(arguments: argparse.Namespace) -> None:

@@ -158,6 +158,33 @@ def test_a_run_starts_from_an_older_checkpoint_and_counts_its_steps(run: Path, d
     assert torch.equal(started.head.linear.weight, encoder.head.linear.weight)  # nothing was learnt
 
 
+def test_a_blend_of_two_runs_lies_between_them(run: Path, data: Path, tmp_path: Path) -> None:
+    later = train(data, tmp_path / "later", replace(CONFIG, start=str(run / "last.pt"), minutes=0.03)).parent
+    asked = ["blend", str(run), str(later), "--share", "0.25", "-o", str(tmp_path / "both")]
+    assert cli.main(asked) == 0
+    first, second, both = (load_network(chosen_checkpoint(folder)) for folder in (run, later, tmp_path / "both"))
+    assert both[1:] == second[1:]
+    for name, weight in both[0].state_dict().items():
+        if weight.is_floating_point():
+            between = 0.75 * first[0].state_dict()[name] + 0.25 * second[0].state_dict()[name]
+            torch.testing.assert_close(weight, between, msg=name)
+
+
+def test_runs_of_different_networks_are_not_blended(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = _State.begin(replace(CONFIG, spec=CONFIG.spec.with_k(1)))
+    other.save(tmp_path, score=0)
+    for asked, what in (
+        ([str(tmp_path)], "differ in their spec"),
+        ([str(run), "--share", "1.5"], "share is 1.5"),
+        ([str(tmp_path / "none")], "No such file"),
+    ):
+        assert cli.main(["blend", str(run), *asked, "-o", str(tmp_path / "both")]) == 2
+        assert what in capsys.readouterr().err
+    assert not (tmp_path / "both").exists()
+
+
 def test_an_exported_encoder_is_a_checkpoint(run: Path, exported: Path, tmp_path: Path) -> None:
     encoder, config, before = load_encoder(chosen_checkpoint(run))
     again, same, state = load_encoder(exported)
