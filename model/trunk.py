@@ -72,8 +72,14 @@ class LiteMaps(nn.Module):
         fine, last = self.lite0.look(images)
         maps = self.joined(last)
         if self.fine is not None:
-            maps = torch.cat([maps, nnf.pixel_unshuffle(self.fine(fine), 2)], dim=1)
+            maps = torch.cat([maps, _unshuffled(self.fine(fine), self.fine.out_channels)], dim=1)
         return nnf.dropout(nnf.relu(maps), DROPOUT, self.training)
+
+
+def _unshuffled(maps: Tensor, count: int) -> Tensor:
+    """nnf.pixel_unshuffle(maps, 2) of `count` maps, as a convolution: torch's exporter then knows how many there are."""
+    kernels = torch.eye(4).view(4, 1, 2, 2).repeat(count, 1, 1, 1)
+    return nnf.conv2d(maps, kernels, stride=2, groups=count)
 
 
 class ImageTrunk(nn.Module):
