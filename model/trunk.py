@@ -77,7 +77,7 @@ class LiteMaps(nn.Module):
 
 
 def _unshuffled(maps: Tensor, count: int) -> Tensor:
-    """nnf.pixel_unshuffle(maps, 2) of `count` maps, as a convolution: torch's exporter then knows how many there are."""
+    """nnf.pixel_unshuffle(maps, 2) of `count` maps; by convolution, since torch's exporter then knows the sizes."""
     kernels = torch.eye(4).view(4, 1, 2, 2).repeat(count, 1, 1, 1)
     return nnf.conv2d(maps, kernels, stride=2, groups=count)
 

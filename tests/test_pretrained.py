@@ -7,9 +7,11 @@ from pathlib import Path
 import pytest
 import small_network
 import torch
+import torch.nn.functional as nnf
 from torch import nn
 
 from model.checkpoints import load_network
+from model.color import ColorHead, color_spec, look
 from model.config import TrainConfig
 from model.data.dataset import Batch
 from model.export import TOLERANCE, export
@@ -17,6 +19,7 @@ from model.features import _Pooled
 from model.networks import ImageEncoder
 from model.pretrained import FINE_MAPS, MAPS, MEAN, SPREAD, Lite0, load_imagenet
 from model.train import _State, _step
+from model.trunk import _unshuffled
 from service.encoder import Encoder
 
 ENCODER = replace(small_network.ENCODER, trunk="lite0", joined_maps=4)
@@ -112,7 +115,16 @@ def test_a_checkpoint_loads_without_the_published_weights(tmp_path: Path, monkey
     assert found.numpy() == pytest.approx(kept.numpy(), abs=1e-6)
 
 
-def test_torch_and_onnxruntime_agree(tmp_path: Path) -> None:
-    encoder, path = parts(_State.begin(CONFIG)).eval(), tmp_path / "lite0.onnx"
-    assert max(export(encoder, CONFIG, {"name": "lite0"}, path).values()) < TOLERANCE
-    assert Encoder.open(path, threads=1).framing == CONFIG.framing
+@pytest.mark.parametrize("fine_maps", [0, 3])
+def test_torch_and_onnxruntime_agree(fine_maps: int, tmp_path: Path) -> None:
+    config, path = replace(CONFIG, encoder=replace(ENCODER, fine_maps=fine_maps)), tmp_path / "lite0.onnx"
+    encoder = parts(_State.begin(config)).eval()
+    head = ColorHead(color_spec(config.spec), look(encoder, torch.zeros(1, 3, 32, 32))[1].shape[1]).eval()
+    for color in (None, head):
+        assert max(export(encoder, config, {"name": "lite0"}, path, color).values()) < TOLERANCE
+        assert Encoder.open(path, threads=1).framing == config.framing
+
+
+def test_four_cells_become_one_as_torch_has_it() -> None:
+    maps = torch.rand(2, 3, 8, 6)
+    assert torch.equal(_unshuffled(maps, 3), nnf.pixel_unshuffle(maps, 2))
