@@ -73,8 +73,8 @@ def report(models: Sequence[Path], data: Path, split: Split, root: Path, seed: i
     for other in (Encoder.open(path, threads=1) for path in beside):
         encoder_record(other, data, split, seed).write(folder / f"{other.name}.json")
     objects = list(cases(data, split))
-    first_objects(encoder, objects).save(folder / f"{encoder.name}.png", optimize=True)
-    everyday_objects(encoder, objects).save(folder / f"{encoder.name}-everyday.png", optimize=True)
+    first_objects(encoder, objects).quantize().save(folder / f"{encoder.name}.png", optimize=True)
+    everyday_objects(encoder, objects).quantize().save(folder / f"{encoder.name}-everyday.png", optimize=True)
     others = read_others(folder, ours)
     color = color_record(encoder, data, split, seed) if encoder.color_spec else None
     if color:
