@@ -1,8 +1,8 @@
 """Keep freed memory in the process: a training step allocates the same 100 MB blocks every time."""
 
+import ctypes
+import sys
 from typing import Final
-
-from service.memory import mallopt
 
 M_TRIM_THRESHOLD: Final = -1  # malloc.h
 M_MMAP_MAX: Final = -4
@@ -13,4 +13,10 @@ def keep_freed_memory() -> bool:
 
     It made a training step about a quarter shorter. Returns whether the C library took it.
     """
-    return mallopt(M_MMAP_MAX, 0) and mallopt(M_TRIM_THRESHOLD, 2**31 - 1)
+    if not sys.platform.startswith("linux"):
+        return False
+    try:
+        mallopt = ctypes.CDLL("libc.so.6").mallopt
+    except (OSError, AttributeError):  # another C library
+        return False
+    return bool(mallopt(M_MMAP_MAX, 0)) and bool(mallopt(M_TRIM_THRESHOLD, 2**31 - 1))

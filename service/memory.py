@@ -17,20 +17,14 @@ def share_one_arena() -> bool:
     service's resident memory, and what made it grow for hours (`make soak`). Whoever sets VARIABLE is left alone.
     Returns whether the C library took it.
     """
-    if VARIABLE in os.environ or not mallopt(M_ARENA_MAX, 1):
-        return False
-    os.environ[VARIABLE] = "1"  # which glibc reads when a process starts, before that has a thread
-    return True
-
-
-def mallopt(option: int, value: int) -> bool:
-    """Set an option of glibc's malloc (malloc.h); whether it was taken: another C library has none."""
-    if not sys.platform.startswith("linux"):
+    if not sys.platform.startswith("linux") or VARIABLE in os.environ:
         return False
     try:
-        return bool(ctypes.CDLL("libc.so.6").mallopt(option, value))
-    except (OSError, AttributeError):
+        mallopt = ctypes.CDLL("libc.so.6").mallopt
+    except (OSError, AttributeError):  # another C library
         return False
+    os.environ[VARIABLE] = "1"  # which glibc reads when a process starts, before that has a thread
+    return bool(mallopt(M_ARENA_MAX, 1))
 
 
 def keep_for_good() -> None:
