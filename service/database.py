@@ -2,6 +2,7 @@
 
 import asyncio
 import sqlite3
+import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -26,7 +27,7 @@ from sqlalchemy import (
     make_url,
 )
 from sqlalchemy.engine import URL
-from sqlalchemy.engine.interfaces import DBAPIConnection
+from sqlalchemy.engine.interfaces import DBAPIConnection, DBAPICursor
 from sqlalchemy.exc import ArgumentError, DBAPIError
 from sqlalchemy.exc import TimeoutError as PoolTimeout
 from sqlalchemy.ext.asyncio import AsyncEngine, create_async_engine
@@ -38,6 +39,7 @@ Work = Callable[[Connection], R]
 
 DRIVERS: Final = {"postgresql": "postgresql+asyncpg"}
 BUSY_TIMEOUT_MS: Final = 10_000
+RETRY_S: Final = 0.01
 # Statements without a name and without a cache: behind PgBouncer the next transaction may have another connection.
 ASYNCPG: Final[dict[str, Any]] = {
     "statement_cache_size": 0,
@@ -252,5 +254,19 @@ def _configure_sqlite(connection: DBAPIConnection, _: object) -> None:
         "foreign_keys = ON",
     )
     for pragma in pragmas:
-        cursor.execute(f"PRAGMA {pragma}")
+        _execute_patiently(cursor, f"PRAGMA {pragma}")
     cursor.close()
+
+
+def _execute_patiently(cursor: DBAPICursor, statement: str) -> None:
+    """Several that open a new file at once turn to WAL at once: SQLite refuses all but one without waiting."""
+    until = time.monotonic() + BUSY_TIMEOUT_MS / 1000
+    while True:
+        try:
+            cursor.execute(statement)
+        except sqlite3.OperationalError as error:
+            if error.sqlite_errorcode & 0xFF != sqlite3.SQLITE_BUSY or time.monotonic() > until:
+                raise
+            time.sleep(RETRY_S)
+        else:
+            return
