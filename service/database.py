@@ -209,9 +209,11 @@ def is_full(error: DBAPIError | PoolTimeout) -> bool:
 
 def is_busy(error: DBAPIError | PoolTimeout) -> bool:
     """Whether it was others who kept the database too long: all its connections, or SQLite's lock for writers."""
-    if isinstance(error, PoolTimeout):
-        return True
-    return getattr(error.orig, "sqlite_errorcode", 0) & 0xFF == sqlite3.SQLITE_BUSY
+    return isinstance(error, PoolTimeout) or _is_locked(error.orig)
+
+
+def _is_locked(error: BaseException | None) -> bool:
+    return getattr(error, "sqlite_errorcode", 0) & 0xFF == sqlite3.SQLITE_BUSY
 
 
 def _parse(url: str) -> URL:
@@ -265,7 +267,7 @@ def _execute_patiently(cursor: DBAPICursor, statement: str) -> None:
         try:
             cursor.execute(statement)
         except sqlite3.OperationalError as error:
-            if error.sqlite_errorcode & 0xFF != sqlite3.SQLITE_BUSY or time.monotonic() > until:
+            if not _is_locked(error) or time.monotonic() > until:
                 raise
             time.sleep(RETRY_S)
         else:

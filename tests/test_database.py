@@ -46,6 +46,24 @@ def test_sqlite_syncs_its_log_before_a_commit_returns_and_holds_foreign_keys(tmp
     asyncio.run(scenario())
 
 
+def test_who_opens_a_new_file_waits_for_another_that_writes_it(tmp_path: Path) -> None:
+    """SQLite refuses to turn such a file to WAL at once, whatever its busy_timeout."""
+    path = tmp_path / "hof.db"
+    with closing(sqlite3.connect(path, isolation_level=None, check_same_thread=False)) as other:
+        other.execute("BEGIN IMMEDIATE")
+        other.execute("CREATE TABLE others (number)")
+        with closing(sqlite3.connect(path)) as second, pytest.raises(sqlite3.OperationalError, match="locked"):
+            second.execute("PRAGMA journal_mode = WAL")
+        done = threading.Timer(0.3, other.execute, ["COMMIT"])
+        done.start()
+        database = asyncio.run(connect(f"sqlite:///{path}"))
+        done.join()
+        asyncio.run(database.close())
+    with closing(sqlite3.connect(path)) as after:
+        assert after.execute("PRAGMA journal_mode").fetchone() == ("wal",)
+        assert after.execute("SELECT count(*) FROM others").fetchone() == (0,)
+
+
 def test_a_transaction_that_has_begun_ends_though_nobody_waits(tmp_path: Path) -> None:
     begun, go_on = threading.Event(), threading.Event()
 
