@@ -6,7 +6,7 @@ from typing import Final
 import torch
 from torch import nn
 
-from model.checkpoints import chosen_checkpoint
+from model.checkpoints import chosen_checkpoint, load_network
 from model.files import whole_file
 
 EMA_DECAY: Final = 0.999  # per step
@@ -39,15 +39,16 @@ def blend(run: Path, later: Path, share: float, out: Path) -> Path:
     """
     if not 0 <= share <= 1:
         raise ValueError(f"share is {share}, it must be from 0 to 1")
-    first, saved = (torch.load(chosen_checkpoint(folder), weights_only=True) for folder in (run, later))
+    first, config, _ = load_network(chosen_checkpoint(run))
+    second, later_config, spent = load_network(chosen_checkpoint(later))
     for what in ("spec", "encoder", "framing", "method"):
-        if first["config"][what] != saved["config"][what]:
+        if getattr(config, what) != getattr(later_config, what):
             raise ValueError(f"{run} and {later} differ in their {what}")
-    for name, weight in saved["average"].items():
-        if weight.is_floating_point():
-            saved["average"][name] = torch.lerp(first["average"][name], weight, share)
+    average, theirs = first.state_dict(), second.state_dict()
+    for name, weight in average.items():
+        average[name] = torch.lerp(weight, theirs[name], share) if weight.is_floating_point() else theirs[name]
     out.mkdir(parents=True, exist_ok=True)
     path = out / "best.pt"
     with whole_file(path) as file:
-        torch.save(saved, file)
+        torch.save({"config": later_config.to_dict(), "average": average, **spent}, file)
     return path

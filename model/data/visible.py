@@ -1,15 +1,19 @@
 """Which points of a surface can be seen from outside: what no image shows is no target for training."""
 
+import math
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
+from scipy import ndimage
+
+from service.picture import camera_axes
 
 GRID: Final = 96  # cells a side of a depth image, over a little more than the object frame's diagonal
 REACH: Final = 0.9  # half of that side, longest sides
 DEPTH: Final = 0.03  # how far behind the nearest point a point is still seen: what a slope covers in a cell
 DIRECTIONS: Final = 64
-GOLDEN_RAD: Final = np.pi * (3 - 5**0.5)
+GOLDEN_DEG: Final = 180 * (3 - 5**0.5)
 
 Floats = npt.NDArray[np.float32]
 
@@ -31,9 +35,7 @@ def visible(points: Floats, surface: Floats) -> npt.NDArray[np.bool_]:
     for toward, right, up in _directions():
         nearest = np.full((GRID + 2) ** 2, -np.inf, np.float32)
         np.maximum.at(nearest, _cells(surface, right, up), surface @ toward)
-        image = nearest.reshape(GRID + 2, GRID + 2)
-        for axis in (0, 1):
-            image = np.maximum(image, np.maximum(np.roll(image, 1, axis), np.roll(image, -1, axis)))
+        image = ndimage.maximum_filter(nearest.reshape(GRID + 2, GRID + 2), size=3)
         seen |= points @ toward > image.ravel()[_cells(points, right, up)] - DEPTH
     return seen
 
@@ -44,11 +46,9 @@ def _cells(points: Floats, right: Floats, up: Floats) -> npt.NDArray[np.intp]:
     return (row.astype(np.intp) + 1) * (GRID + 2) + column.astype(np.intp) + 1
 
 
-def _directions() -> list[npt.NDArray[np.float32]]:
-    """DIRECTIONS triples of unit vectors (toward the viewer, right, up), (3, 3) each: a spiral on the sphere."""
-    numbers = np.arange(DIRECTIONS)
-    y = 1 - (2 * numbers + 1) / DIRECTIONS
-    flat = np.sqrt(1 - y**2)
-    toward = np.stack([flat * np.cos(GOLDEN_RAD * numbers), y, flat * np.sin(GOLDEN_RAD * numbers)], axis=1)
-    right = np.stack([toward[:, 2], 0 * y, -toward[:, 0]], axis=1) / flat[:, None]
-    return list(np.stack([toward, right, np.cross(toward, right)], axis=1).astype(np.float32))
+def _directions() -> list[tuple[Floats, Floats, Floats]]:
+    """Axes of DIRECTIONS cameras: toward each, its right and its up. A spiral on the sphere."""
+    heights = 1 - (2 * np.arange(DIRECTIONS) + 1) / DIRECTIONS
+    return [
+        camera_axes(90 - GOLDEN_DEG * number, math.degrees(math.asin(height))) for number, height in enumerate(heights)
+    ]
