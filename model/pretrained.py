@@ -14,6 +14,8 @@ import torch
 import torch.nn.functional as nnf
 from torch import Tensor, nn
 
+from model.depthwise import Depthwise
+
 MEAN, SPREAD = 127 / 255, 128 / 255  # the network takes (x - 127) / 128 of bytes x
 STEM: Final = 32
 STAGES: Final = (  # blocks, kernel, stride of the first, expansion, maps (Tan and Le 2019, table 1)
@@ -80,12 +82,14 @@ class Block(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         """(b, maps, s, s) -> (b, grown, s / stride, s / stride)."""
         wide = x if self.expand is None else nnf.relu6(self.expand(x))
-        trained = self.depthwise.weight.requires_grad
-        half = torch.is_autocast_enabled("cpu") and not trained  # in bfloat16 depthwise gradients take thrice the time
-        with torch.autocast("cpu", torch.bfloat16, enabled=half):
-            found = nnf.relu6(self.depthwise(wide.float() if trained else wide))
+        found = nnf.relu6(self._trained_depthwise(wide) if self.training else self.depthwise(wide))
         projected: Tensor = self.project(found)
         return x + projected if self.skips else projected
+
+    def _trained_depthwise(self, wide: Tensor) -> Tensor:
+        layer = self.depthwise
+        found: Tensor = Depthwise.apply(wide, layer.weight, layer.bias, layer.stride[0])  # type: ignore[no-untyped-call]
+        return found
 
 
 def load_imagenet(network: Lite0) -> None:
