@@ -1,6 +1,5 @@
 """The ceiling: how close the mapping function comes when theta is fitted to the object itself, without any image."""
 
-from concurrent.futures import ThreadPoolExecutor
 from typing import Final
 
 import numpy as np
@@ -44,14 +43,13 @@ def _fit(spec: MappingSpec, clouds: Floats, seed: int, bar: "tqdm[None]") -> Flo
     theta = torch.from_numpy(np.stack([initial_theta(spec, seed)] * len(clouds))).requires_grad_()
     optimizer = torch.optim.Adam([theta], lr=LEARNING_RATE)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, STEPS)
-    with ThreadPoolExecutor() as threads:
-        for _ in range(STEPS):
-            canonical = canonical_points(spec.domain, POINTS, int(rng.integers(2**62)))
-            true = torch.from_numpy(clouds[:, rng.integers(clouds.shape[1], size=POINTS)])
-            predicted = power(spec, theta, torch.from_numpy(canonical).expand(len(clouds), -1, -1))
-            optimizer.zero_grad(set_to_none=True)
-            chamfer(predicted, true, threads).backward()  # type: ignore[no-untyped-call]
-            optimizer.step()
-            schedule.step()
-            bar.update()
+    for _ in range(STEPS):
+        canonical = canonical_points(spec.domain, POINTS, int(rng.integers(2**62)))
+        true = torch.from_numpy(clouds[:, rng.integers(clouds.shape[1], size=POINTS)])
+        predicted = power(spec, theta, torch.from_numpy(canonical).expand(len(clouds), -1, -1))
+        optimizer.zero_grad(set_to_none=True)
+        chamfer(predicted, true).backward()  # type: ignore[no-untyped-call]
+        optimizer.step()
+        schedule.step()
+        bar.update()
     return theta.detach().numpy()

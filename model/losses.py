@@ -1,6 +1,5 @@
 """What training minimises: the symmetric Chamfer distance, late and early, and the projection regularisation."""
 
-from concurrent.futures import ThreadPoolExecutor
 from typing import Final
 
 import numba
@@ -19,14 +18,15 @@ Array = npt.NDArray[np.float32]
 Indices = npt.NDArray[np.int64]
 
 
-def nearest(queries: Tensor, targets: Tensor, threads: ThreadPoolExecutor) -> Tensor:
+def nearest(queries: Tensor, targets: Tensor) -> Tensor:
     """Index of each query's nearest target, per batch element: (b, n, 3), (b, m, 3) -> (b, n) int64.
 
     Every distance is computed: at the sizes of training this takes a quarter to a half of a k-d tree's time.
     """
     pairs = (each.detach().transpose(1, 2).contiguous().numpy() for each in (queries, targets))
     found = torch.empty(queries.shape[:2], dtype=torch.int64)
-    list(threads.map(_search, *pairs, found.numpy()))
+    for each in zip(*pairs, found.numpy(), strict=True):
+        _search(*each)
     return found
 
 
@@ -50,7 +50,7 @@ def _search(queries: Array, targets: Array, found: Indices) -> None:  # pragma: 
             found[start + p] = index[p]
 
 
-def chamfer(predicted: Tensor, true: Tensor, threads: ThreadPoolExecutor) -> Tensor:
+def chamfer(predicted: Tensor, true: Tensor) -> Tensor:
     """CD(P, T) + CD(T, P) of the paper's eq. 3 (squared distances), mean over the batch.
 
     Parameters
@@ -58,18 +58,18 @@ def chamfer(predicted: Tensor, true: Tensor, threads: ThreadPoolExecutor) -> Ten
     predicted : (b, n, 3), carries gradients.
     true : (b, m, 3).
     """
-    forward, backward = _squared_distances(predicted, true, threads)
+    forward, backward = _squared_distances(predicted, true)
     return forward.mean() + backward.mean()
 
 
-def late_chamfer(predicted: Tensor, true: Tensor, threads: ThreadPoolExecutor) -> Tensor:
+def late_chamfer(predicted: Tensor, true: Tensor) -> Tensor:
     """Mean of d + F_WEIGHT (1 - exp(-d / SATURATION)) over both directions' nearest distances d, summed.
 
     The first term is cd_epcg. The second acts as a smooth F-score: it rewards points that come close
     and lets go of those that are far. Shapes as in `chamfer`.
     """
     loss = predicted.new_zeros(())
-    for squared in _squared_distances(predicted, true, threads):
+    for squared in _squared_distances(predicted, true):
         distance = (squared + TINY).sqrt()
         loss = loss + (distance + F_WEIGHT * (1 - (-distance / SATURATION).exp())).mean()
     return loss
@@ -80,10 +80,10 @@ def projection(predicted: Tensor, canonical: Tensor) -> Tensor:
     return (predicted - canonical).square().sum(-1).mean()
 
 
-def _squared_distances(predicted: Tensor, true: Tensor, threads: ThreadPoolExecutor) -> tuple[Tensor, Tensor]:
+def _squared_distances(predicted: Tensor, true: Tensor) -> tuple[Tensor, Tensor]:
     """Squared distance of each point to its nearest of the other cloud: (b, n) of predicted, (b, m) of true."""
-    forward = gather(true, nearest(predicted, true, threads)) - predicted
-    backward = gather(predicted, nearest(true, predicted, threads)) - true
+    forward = gather(true, nearest(predicted, true)) - predicted
+    backward = gather(predicted, nearest(true, predicted)) - true
     return forward.square().sum(-1), backward.square().sum(-1)
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 import torch
 import torch.nn.functional as nnf
 from torch import Tensor, nn
@@ -55,8 +56,8 @@ def train(data: Path, run: Path, config: TrainConfig) -> Path:
     examples = load_examples(data, "train", state.config.framing, state.config.variants, state.config.made)
     validation = load_examples(data, "val", state.config.framing, variants=False)
     with (
-        ThreadPoolExecutor(os.cpu_count()) as threads,
-        ThreadPoolExecutor(1) as loader,
+        ThreadPoolExecutor(state.parts, initializer=_use_one_thread) as threads,
+        ThreadPoolExecutor(1, initializer=_use_one_thread) as loader,
         (run / "log.jsonl").open("a", encoding="utf-8") as log,
         tqdm(total=1_000, initial=round(1_000 * state.progress), unit=" thousandths", desc="train") as bar,
     ):
@@ -84,6 +85,7 @@ class _State:
 
     average : the network with the exponential moving average of all weights and buffers: what is
         validated and exported.
+    parts : how many cores share a batch, each with a part of it; one where its images are normalised together.
     before : steps and seconds of the runs that this one started from.
     best : the highest sum of F@1% and F@2% on the validation split so far.
     """
@@ -97,6 +99,8 @@ class _State:
         self.best = -1.0
         self.network = make_network(config)
         self.network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        normalised = any(isinstance(part, nn.BatchNorm2d) for part in self.network.modules())
+        self.parts = 1 if normalised else min(os.cpu_count() or 1, config.batch)
         self.average = copy.deepcopy(self.network).eval()
         self.optimizer = torch.optim.AdamW(
             _groups(self.network, config.pretrained_rate), weight_decay=config.weight_decay, fused=True
@@ -205,20 +209,33 @@ def _step(state: _State, batch: Batch, progress: float, threads: ThreadPoolExecu
     for group in state.optimizer.param_groups:
         group["lr"] = group["rate"] * state.config.learning_rate * schedule(progress)
     state.network.train()
-    predicted = state.network(batch.images.contiguous(memory_format=torch.channels_last), batch.canonical)
-    if progress < state.config.late_from:
-        loss = chamfer(predicted, batch.points, threads)
-    else:
-        loss = LATE_SCALE * late_chamfer(predicted, batch.points, threads)
-    if state.config.projection:
-        loss = loss + state.config.projection * projection(predicted, batch.canonical)
     state.optimizer.zero_grad(set_to_none=True)
-    loss.backward()  # type: ignore[no-untyped-call]
+    parts = np.array_split(np.arange(len(batch.images)), state.parts)
+    loss = sum(threads.map(lambda part: _add_gradients(state, batch, part, progress), parts))
     torch.nn.utils.clip_grad_norm_(state.network.parameters(), state.config.gradient_clip)
     state.optimizer.step()
     update_average(state.average, state.network, state.step)
     state.step += 1
+    return loss
+
+
+def _add_gradients(state: _State, batch: Batch, part: npt.NDArray[np.int64], progress: float) -> float:
+    """Add to the gradients what the images with the indices `part` say; return their share of the batch's loss."""
+    images = batch.images[part].contiguous(memory_format=torch.channels_last)
+    canonical, true = batch.canonical[part], batch.points[part]
+    predicted = state.network(images, canonical)
+    is_late = progress >= state.config.late_from
+    loss = LATE_SCALE * late_chamfer(predicted, true) if is_late else chamfer(predicted, true)
+    if state.config.projection:
+        loss = loss + state.config.projection * projection(predicted, canonical)
+    loss = loss * (len(part) / len(batch.images))
+    loss.backward()  # type: ignore[no-untyped-call]
     return float(loss.detach())
+
+
+def _use_one_thread() -> None:
+    """For a thread that computes: it leaves the other cores to the other threads."""
+    torch.set_num_threads(1)
 
 
 def schedule(progress: float) -> float:

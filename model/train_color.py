@@ -6,7 +6,6 @@ learnt from several times, among the last KEPT ones.
 
 import time
 from collections import deque
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -60,10 +59,10 @@ def train_color(data: Path, run: Path, minutes: float, seed: int = 0) -> Path:
     examples, side = load_examples(data, "train", config.framing), config.framing.size
     learner = _Learner(ColorHead(color_spec(config.spec), look(encoder, torch.zeros(1, 3, side, side))[1].shape[1]))
     rng, kept, draws, elapsed_s, budget_s = np.random.default_rng(seed), deque[Seen](maxlen=KEPT), 0, 0.0, 60 * minutes
-    with ThreadPoolExecutor(1) as threads, tqdm(total=round(budget_s), unit="s", desc="color") as bar:
+    with tqdm(total=round(budget_s), unit="s", desc="color") as bar:
         started = time.monotonic()
         while elapsed_s < budget_s:
-            kept.append(see(encoder, config.spec, draw_batch(examples, config, draws, WHITE_LIGHT), threads))
+            kept.append(see(encoder, config.spec, draw_batch(examples, config, draws, WHITE_LIGHT)))
             draws += 1
             for batch in [kept[-1], *(kept[index] for index in rng.integers(len(kept), size=STEPS - 1))]:
                 learner.step(batch, min(1.0, elapsed_s / budget_s))
@@ -75,13 +74,13 @@ def train_color(data: Path, run: Path, minutes: float, seed: int = 0) -> Path:
 
 
 @torch.no_grad()
-def see(encoder: ImageEncoder, spec: MappingSpec, batch: Batch, threads: ThreadPoolExecutor) -> Seen:
+def see(encoder: ImageEncoder, spec: MappingSpec, batch: Batch) -> Seen:
     """Look at a batch's images; a canonical point's colour is that of the true point nearest to where it goes."""
     if batch.colours is None:
         raise ValueError("the data set has no colours of its points: build it again with `hof-model data build`")
     theta, inputs = look(encoder, batch.images.contiguous(memory_format=torch.channels_last))
     points = power(spec, theta, batch.canonical)
-    return Seen(inputs, batch.canonical, gather(batch.colours, nearest(points, batch.points, threads)))
+    return Seen(inputs, batch.canonical, gather(batch.colours, nearest(points, batch.points)))
 
 
 class _Learner:

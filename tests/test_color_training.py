@@ -1,6 +1,5 @@
 """The colour head: what it is trained on, what it leaves alone, and its way into the exported file."""
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -55,11 +54,11 @@ def test_a_colour_has_1795_numbers_on_the_geometrys_own_domain() -> None:
 def test_a_point_has_the_colour_of_the_nearest_true_point(run: Path, data: Path) -> None:
     encoder = load_encoder(run / "last.pt")[0]
     batch = draw_batch(load_examples(data, "train", CONFIG.framing), CONFIG, 0)
-    with ThreadPoolExecutor(1) as threads, torch.no_grad():
-        seen = see(encoder, CONFIG.spec, batch, threads)
+    with torch.no_grad():
+        seen = see(encoder, CONFIG.spec, batch)
         points = power(CONFIG.spec, encoder(batch.images), batch.canonical)
         with pytest.raises(ValueError, match="hof-model data build"):
-            see(encoder, CONFIG.spec, replace(batch, colours=None), threads)
+            see(encoder, CONFIG.spec, replace(batch, colours=None))
     nearest = torch.cdist(points, batch.points).argmin(dim=2)
     assert batch.colours is not None
     wanted = torch.stack([colours[index] for colours, index in zip(batch.colours, nearest, strict=True)])
@@ -71,8 +70,7 @@ def test_the_head_learns_and_the_encoder_stays_as_it_is(run: Path, data: Path) -
     encoder = load_encoder(run / "last.pt")[0]
     before, examples = digest(encoder), load_examples(data, "train", CONFIG.framing)
     learner = _Learner(head_of(encoder))
-    with ThreadPoolExecutor(1) as threads:
-        batches = [see(encoder, CONFIG.spec, draw_batch(examples, CONFIG, step), threads) for step in range(4)]
+    batches = [see(encoder, CONFIG.spec, draw_batch(examples, CONFIG, step)) for step in range(4)]
     learner.step(batches[0], 0.3)
     first = learner.loss
     for step in range(200):

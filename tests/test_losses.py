@@ -1,7 +1,5 @@
 """Chamfer distances, early and late, and the projection regularisation."""
 
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 import pytest
 import torch
@@ -14,19 +12,15 @@ def test_chamfer_is_the_sum_of_both_squared_directions() -> None:
     rng = np.random.default_rng(0)
     a, b = (torch.from_numpy(rng.random((2, n, 3), np.float32)) for n in (40, 60))
     squared = torch.cdist(a, b).square()
-    with ThreadPoolExecutor(2) as threads:
-        assert (nearest(a, b, threads) == squared.argmin(2)).all()
-        assert float(chamfer(a, b, threads)) == pytest.approx(
-            float(squared.amin(2).mean() + squared.amin(1).mean()), rel=1e-5
-        )
+    assert (nearest(a, b) == squared.argmin(2)).all()
+    assert float(chamfer(a, b)) == pytest.approx(float(squared.amin(2).mean() + squared.amin(1).mean()), rel=1e-5)
 
 
 @pytest.mark.parametrize(("n", "m"), [(1, 1), (TILE, 7), (2 * TILE + 3, 700)])
 def test_nearest_finds_what_a_tree_finds(n: int, m: int) -> None:
     rng = np.random.default_rng(0)
     queries, targets = rng.random((2, n, 3), np.float32), rng.random((2, m, 3), np.float32)
-    with ThreadPoolExecutor(2) as threads:
-        found = nearest(torch.from_numpy(queries), torch.from_numpy(targets), threads).numpy()
+    found = nearest(torch.from_numpy(queries), torch.from_numpy(targets)).numpy()
     for cloud, others, index in zip(queries, targets, found, strict=True):
         distances = np.linalg.norm(cloud - others[index], axis=1)
         assert distances == pytest.approx(cKDTree(others).query(cloud)[0], abs=1e-6)
@@ -34,8 +28,7 @@ def test_nearest_finds_what_a_tree_finds(n: int, m: int) -> None:
 
 def test_chamfer_pulls_points_to_their_neighbours() -> None:
     predicted = torch.tensor([[[0.0, 0, 0]]], requires_grad=True)
-    with ThreadPoolExecutor(1) as threads:
-        chamfer(predicted, torch.tensor([[[1.0, 0, 0]]]), threads).backward()  # type: ignore[no-untyped-call]
+    chamfer(predicted, torch.tensor([[[1.0, 0, 0]]])).backward()  # type: ignore[no-untyped-call]
     assert predicted.grad is not None
     assert predicted.grad.tolist() == [[[-4, 0, 0]]]  # d/dx 2 (x - 1)^2 at 0
 
@@ -52,8 +45,7 @@ def test_the_late_loss_is_cd_epcg_with_a_saturating_term() -> None:
     expected = sum(
         d.mean() + F_WEIGHT * (1 - (-d / SATURATION).exp()).mean() for d in (distances.amin(2), distances.amin(1))
     )
-    with ThreadPoolExecutor(2) as threads:
-        assert float(late_chamfer(a, b, threads)) == pytest.approx(float(expected), rel=1e-4)
+    assert float(late_chamfer(a, b)) == pytest.approx(float(expected), rel=1e-4)
 
 
 def test_the_late_loss_has_finite_gradients_where_clouds_touch() -> None:
@@ -62,8 +54,7 @@ def test_the_late_loss_has_finite_gradients_where_clouds_touch() -> None:
     predicted = true.clone()
     predicted[0, 0] += 1e-3
     predicted.requires_grad_()
-    with ThreadPoolExecutor(1) as threads:
-        late_chamfer(predicted, true, threads).backward()  # type: ignore[no-untyped-call]
+    late_chamfer(predicted, true).backward()  # type: ignore[no-untyped-call]
     assert predicted.grad is not None
     assert torch.isfinite(predicted.grad).all()
     assert (predicted.grad[0, 1:] == 0).all()
@@ -73,8 +64,7 @@ def test_the_late_loss_has_finite_gradients_where_clouds_touch() -> None:
 
 def test_the_late_loss_pulls_a_near_point_more_than_a_far_one() -> None:
     predicted = torch.tensor([[[0.005, 0, 0], [0.4, 0, 0]]], requires_grad=True)
-    with ThreadPoolExecutor(1) as threads:
-        late_chamfer(predicted, torch.zeros(1, 1, 3), threads).backward()  # type: ignore[no-untyped-call]
+    late_chamfer(predicted, torch.zeros(1, 1, 3)).backward()  # type: ignore[no-untyped-call]
     assert predicted.grad is not None
     near, far = predicted.grad[0, :, 0].tolist()
     assert near > 3 * far
