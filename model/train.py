@@ -51,13 +51,13 @@ def train(data: Path, run: Path, config: TrainConfig) -> Path:
     ValueError : `config.start` holds another kind of network.
     """
     run.mkdir(parents=True, exist_ok=True)
-    keep_freed_memory()
     state = _State.resume(run) if (run / "last.pt").exists() else _State.begin(config)
     examples = load_examples(data, "train", state.config.framing, state.config.variants, state.config.made)
     validation = load_examples(data, "val", state.config.framing, variants=False)
+    keep_freed_memory()  # not before: what loading frees lies scattered, and steps in it take a fifth longer
     with (
-        ThreadPoolExecutor(state.parts, initializer=_use_one_thread) as threads,
-        ThreadPoolExecutor(1, initializer=_use_one_thread) as loader,
+        _computing(state.parts) as threads,
+        _computing(1, threads_each=1) as loader,
         (run / "log.jsonl").open("a", encoding="utf-8") as log,
         tqdm(total=1_000, initial=round(1_000 * state.progress), unit=" thousandths", desc="train") as bar,
     ):
@@ -233,9 +233,10 @@ def _add_gradients(state: _State, batch: Batch, part: npt.NDArray[np.int64], pro
     return float(loss.detach())
 
 
-def _use_one_thread() -> None:
-    """For a thread that computes: it leaves the other cores to the other threads."""
-    torch.set_num_threads(1)
+def _computing(parts: int, threads_each: int | None = None) -> ThreadPoolExecutor:
+    """Threads of Python that compute side by side, each with its share of torch's own threads if it isn't told."""
+    each = threads_each or max(1, torch.get_num_threads() // parts)
+    return ThreadPoolExecutor(parts, initializer=torch.set_num_threads, initargs=(each,))
 
 
 def schedule(progress: float) -> float:

@@ -1,5 +1,6 @@
 """The pretrained trunk: ImageNet's weights in our convolutions, trained, exported."""
 
+import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -71,6 +72,29 @@ def test_a_step_moves_what_is_not_frozen_and_the_pretrained_part_less(lite0: Lit
     assert {name for name, much in moved.items() if much > 0} == moved.keys() - frozen
     rate = CONFIG.learning_rate / 2  # at half of the budget, and Adam's first step is as long as that
     assert max(moved.values()) == pytest.approx(CONFIG.pretrained_rate * rate, rel=0.03)  # float32
+
+
+def test_cores_that_share_a_batch_find_the_gradients_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("model.trunk.DROPOUT", 0.0)
+    monkeypatch.setattr("model.trunk.HALF", False)
+    found, losses = [], []
+    for count in (1, 3):  # 3 parts of 4 images: 2, 1 and 1
+        state = _State.begin(CONFIG)
+        state.parts = count
+        with ThreadPoolExecutor(count) as threads:
+            losses.append(_step(state, batch(CONFIG), 0.5, threads))
+        found.append({name: weight.grad for name, weight in state.network.named_parameters() if weight.requires_grad})
+    assert losses[0] == pytest.approx(losses[1], rel=1e-5)
+    for name, one in found[0].items():
+        several = found[1][name]
+        assert one is not None
+        assert several is not None
+        assert several.numpy() == pytest.approx(one.numpy(), abs=1e-4 * float(one.abs().max())), name
+
+
+def test_images_that_are_normalised_together_stay_together() -> None:
+    assert _State(small_network.CONFIG).parts == 1
+    assert _State(CONFIG).parts == min(os.cpu_count() or 1, CONFIG.batch)
 
 
 def test_another_trunk_starts_with_the_head_of_a_run(tmp_path: Path) -> None:
