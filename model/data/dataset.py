@@ -120,7 +120,7 @@ def draw_batch(examples: Examples, config: TrainConfig, step: int, light: Light 
     drawn_from = [*examples.shapes, *examples.made]
     for number, turned in zip(_epoch_slice(len(drawn_from), config, step), mirrored, strict=True):
         shape, view = _any_view(drawn_from[number], rng)
-        drawn = rng.integers(len(shape.points), size=config.target_points)
+        drawn = rng.permutation(len(shape.points))[: config.target_points]
         chosen = shape.points[drawn]
         crops.append(shape.crops[view])
         points.append(chosen * MIRROR if turned else chosen)
