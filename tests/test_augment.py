@@ -1,13 +1,15 @@
 """What augmentation does to a view, and what it leaves alone."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+import torch.nn.functional as nnf
 from torch import Tensor
 
-from model.data.augment import PLAIN_SHARE, SHADOW_SHARE, WHITE_LIGHT, augment
+from model.data.augment import ANY_LIGHT, PLAIN_SHARE, SHADOW_SHARE, WHITE_LIGHT, augment
 from model.data.photographs import photograph_files
 
 IMAGES = 400
@@ -79,6 +81,18 @@ def test_zoom_and_shift_vary_and_little_is_cut_off(images: Tensor) -> None:
 
 def test_the_demos_photograph_is_not_trained_on() -> None:
     assert "coffee.png" not in {path.name for path in BUNDLED}
+
+
+def test_some_objects_have_a_texture_over_them(images: Tensor) -> None:
+    def rough(seen: Tensor) -> Tensor:
+        """How many of the images, of those on white, are uneven where the object is."""
+        on_white = seen[(seen[:, :, 0, 0] == 1).all(dim=1)]
+        smooth = nnf.avg_pool2d(on_white[:, :, 6:10, 6:10], 2)  # noise is less by half
+        return (smooth.std(dim=(2, 3)).mean(dim=1) > 0.02).float().mean()
+
+    bare = augment(square((200, 40, 40)), 16, np.random.default_rng(0), BUNDLED, replace(ANY_LIGHT, textured_share=0.0))
+    assert float(rough(bare)) < 0.1
+    assert 0.1 < float(rough(images)) < 0.1 + ANY_LIGHT.textured_share
 
 
 def test_in_white_light_the_object_keeps_its_colour() -> None:

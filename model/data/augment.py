@@ -31,17 +31,19 @@ TEXTURE_CONTRAST: Final = (0.03, 0.2)  # standard deviation
 @dataclass(frozen=True)
 class Light:
     """How far an image's colours may be from the view's: ranges of factors on the object's brightness, on each
-    of its channels and on the image's saturation, the share of grey images, and the strength of the tone curve."""
+    of its channels and on the image's saturation, the share of grey images, the strength of the tone curve, and the
+    share of objects with a texture over them (made pieces have none of their own)."""
 
     brightness: tuple[float, float]
     tint: tuple[float, float]
     saturation: tuple[float, float]
     grey_share: float
     curve: float
+    textured_share: float
 
 
-ANY_LIGHT: Final = Light((0.6, 1.4), (0.85, 1.15), (0.4, 1.4), 0.1, 0.8)  # geometry is the same in all of them
-WHITE_LIGHT: Final = Light((0.9, 1.1), (0.97, 1.03), (0.9, 1.1), 0.0, 0.15)  # which leaves colours to be told
+ANY_LIGHT: Final = Light((0.5, 1.4), (0.85, 1.15), (0.4, 1.4), 0.1, 0.8, 0.3)  # geometry is the same in all of them
+WHITE_LIGHT: Final = Light((0.9, 1.1), (0.97, 1.03), (0.9, 1.1), 0.0, 0.15, 0.0)  # which leaves colours to be told
 
 
 def oversize(size: int) -> int:
@@ -61,7 +63,7 @@ def augment(
     moved = _blurred(_framed(crops, size, plain, rng), rng)
     rgb, alpha = moved[:, :3], moved[:, 3:]
     strength = _uniform(rng, *light.brightness, (b, 1, 1, 1)) * _uniform(rng, *light.tint, (b, 3, 1, 1))
-    lit = torch.minimum(rgb * strength, alpha)
+    lit = torch.minimum(_textured(rgb * strength, light.textured_share, rng), alpha)
     ground = torch.ones_like(lit)
     busy = ~plain.flatten()
     ground[busy] = _backgrounds(int(busy.sum()), lit.shape[-1], rng, photographs)
@@ -84,6 +86,14 @@ def _framed(crops: Tensor, size: int, plain: Tensor, rng: np.random.Generator) -
     # at zoom 1 and twice the size an output pixel lies between four stored ones: sampling there is their mean
     grid = nnf.affine_grid(matrix, [b, 4, size, size], align_corners=False)
     return nnf.grid_sample(pixels, grid, align_corners=False) / 255
+
+
+def _textured(rgb: Tensor, share: float, rng: np.random.Generator) -> Tensor:
+    """A share of the images darker and lighter by a texture: weave, grain, dirt, a print."""
+    for index in np.flatnonzero(rng.random(len(rgb)) < share):
+        texture = _piece(_textures(rgb.shape[-1]), rgb.shape[-1], rng)
+        rgb[index] *= (1 + rng.uniform(*TEXTURE_CONTRAST) * texture).clamp(min=0)
+    return rgb
 
 
 def _blurred(image: Tensor, rng: np.random.Generator) -> Tensor:
