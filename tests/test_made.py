@@ -112,7 +112,7 @@ def test_made_pieces_are_drawn_in_training(data: Path) -> None:
 
 def test_a_piece_is_a_function_of_seed_and_number(data: Path, tmp_path: Path) -> None:
     for name in ("a", "b"):
-        made.render_made(made.MadeJob(tmp_path / f"{name}.npz", seed=0, number=3, views=VIEWS))
+        made.render_made(made.MadeJob(tmp_path / f"{name}.npz", [], seed=0, number=3, views=VIEWS))
     first, again = (dict(np.load(tmp_path / f"{name}.npz")) for name in ("a", "b"))
     assert (first["points"] == again["points"]).all()
     assert first["points"].shape == (POINTS, 3)

@@ -15,6 +15,7 @@ from model.data.manifest import MADE, Manifest
 from model.data.primitives import MATERIALS, Rng, Solid, Triple, assembled
 from model.data.render import POINTS, shoot, stage
 from model.data.surface import Floats, sample_surface
+from model.data.textures import REPEATS, drawn, texture_files, wrap
 from model.data.variants import free_cameras
 from model.data.visible import visible
 from model.data.workers import run_told
@@ -41,14 +42,16 @@ DESIGNS: Final[dict[Callable[[Rng], list[Solid]], float]] = {  # and how often e
     things.figure: 0.02,
     things.opening: 0.01,
 }
+TEXTURED_SHARE: Final = 0.5  # of a piece's materials, where there are textures
 WOODS: Final = ((0.72, 0.53, 0.34), (0.45, 0.28, 0.17), (0.25, 0.16, 0.11), (0.85, 0.74, 0.56), (0.93, 0.92, 0.9))
 
 
 @dataclass(frozen=True)
 class MadeJob:
-    """One piece to make: a function of (seed, number)."""
+    """One piece to make: a function of (seed, number) and the textures."""
 
     target: Path
+    textures: list[Path]
     seed: int
     number: int
     views: int
@@ -63,7 +66,8 @@ def make(folder: Path, count: int, views: int, processes: int) -> dict[str, str]
     """
     seed = Manifest.read(folder).seed
     (folder / MADE).mkdir(exist_ok=True)
-    jobs = [MadeJob(folder / MADE / f"{number:05d}.npz", seed, number, views) for number in range(count)]
+    textures = texture_files(folder)
+    jobs = [MadeJob(folder / MADE / f"{number:05d}.npz", textures, seed, number, views) for number in range(count)]
     jobs = [job for job in jobs if not job.target.exists()]
     return run_told(render_made, jobs, lambda job: job.target.stem, processes, "make", "piece")
 
@@ -71,7 +75,7 @@ def make(folder: Path, count: int, views: int, processes: int) -> dict[str, str]
 def render_made(job: MadeJob) -> None:
     """Make one piece and render it under free cameras (a worker process)."""
     rng = np.random.default_rng([job.seed, 2, job.number])
-    parts = piece(rng)
+    parts = piece(rng, job.textures)
     points = seen_points(parts, rng)
     with closing(stage(parts, multisampling=False)) as plotter:
         views = shoot(plotter, free_cameras(job.views, train=True, rng=rng), points, rng)
@@ -87,10 +91,20 @@ def seen_points(parts: list[trimesh.Trimesh], rng: Rng) -> Floats:
     return seen[np.arange(POINTS) % len(seen)]
 
 
-def piece(rng: Rng) -> list[trimesh.Trimesh]:
-    """A piece at random, in the object frame."""
+def piece(rng: Rng, textures: list[Path]) -> list[trimesh.Trimesh]:
+    """A piece at random, in the object frame; each of its materials of one colour, or with one of the textures."""
     design = list(DESIGNS)[rng.choice(len(DESIGNS), p=list(DESIGNS.values()))]
-    return assembled(design(rng), _colours(rng))
+    solids, colours = design(rng), _colours(rng)
+    parts = assembled(solids, colours)
+    for material in MATERIALS:
+        if textures and rng.random() < TEXTURED_SHARE:
+            image = drawn(textures, colours[material], rng)
+            repeats = float(np.exp(rng.uniform(*np.log(REPEATS))))
+            start = (rng.random(), rng.random())
+            for part, (_, of_material) in zip(parts, solids, strict=True):
+                if of_material == material:
+                    wrap(part, image, repeats, start)
+    return parts
 
 
 def _colours(rng: Rng) -> dict[str, Triple]:

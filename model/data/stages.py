@@ -32,6 +32,11 @@ def add_stages(data: "argparse._SubParsersAction[argparse.ArgumentParser]") -> N
     )
     vary.add_argument("--views", type=int, default=12, help="per shape")
     vary.add_argument("--processes", type=int, default=os.cpu_count() or 1)
+    textures = data.add_parser("textures", help="keep the training objects' textures, for what `make` makes")
+    textures.set_defaults(run=_textures, licence="unknown")
+    textures.add_argument("--data", type=Path, default=DATA)
+    textures.add_argument("--sh3f", type=Path, help="as for build")
+    textures.add_argument("--meshes", type=Path, help="as for build")
     make = data.add_parser("make", help="make furniture and other things by rule, for training only")
     make.set_defaults(run=_make)
     make.add_argument("--data", type=Path, default=DATA)
@@ -76,6 +81,12 @@ def _vary(arguments: argparse.Namespace) -> None:
     records = _records(arguments, arguments.data)
     failures = vary(records, arguments.data, arguments.variants, arguments.views, arguments.processes)
     print(f"{len(failures)} failures: {arguments.data / VARIANTS}")
+
+
+def _textures(arguments: argparse.Namespace) -> None:
+    from model.data.textures import gather_textures
+
+    print(f"{len(gather_textures(_records(arguments, arguments.data), arguments.data))} textures")
 
 
 def _make(arguments: argparse.Namespace) -> None:

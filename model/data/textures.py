@@ -1,0 +1,81 @@
+"""Textures of the training split's own materials, for pieces made by rule: wood, cloth, prints, with what is drawn on
+them, so that not every made thing is of one colour."""
+
+import hashlib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import trimesh
+from PIL import Image, ImageStat
+
+from model.data.manifest import Manifest
+from model.data.meshes import MeshRecord
+from model.data.primitives import Rng, Triple
+from model.files import whole_file
+
+FOLDER: Final = "textures"  # in the data set's folder
+SUFFIXES: Final = (".jpg", ".jpeg", ".png")
+SIDES: Final = (32, 192)  # pixels: smaller ones are swatches of one colour, larger ones are made smaller
+UNEVEN: Final = 4.0  # standard deviation of the grey levels, of 255: what has less shows nothing
+REPEATS: Final = (0.6, 4.0)  # of a texture over the longest side, uniform in the logarithm
+TINTED_SHARE: Final = 0.4  # of the textures lose their own colour to another
+
+
+def gather_textures(records: Iterable[MeshRecord], folder: Path) -> list[Path]:
+    """Keep the images beside the training split's meshes small, below the data set's folder; each once.
+
+    Raises
+    ------
+    FileNotFoundError : `folder` holds no finished data set.
+    """
+    train = {entry.id for entry in Manifest.read(folder).of("train")}
+    beside = {record.path.parent for record in records if record.id in train}
+    (folder / FOLDER).mkdir(exist_ok=True)
+    for path in sorted(path for place in beside for path in place.iterdir() if path.suffix.lower() in SUFFIXES):
+        target = folder / FOLDER / f"{hashlib.sha256(path.read_bytes()).hexdigest()[:16]}.jpg"
+        if not target.exists():
+            _keep_small(path, target)
+    return texture_files(folder)
+
+
+def texture_files(folder: Path) -> list[Path]:
+    """What `gather_textures` kept, in order of their names."""
+    return sorted((folder / FOLDER).glob("*.jpg"))
+
+
+def _keep_small(path: Path, target: Path) -> None:
+    try:
+        with Image.open(path) as file:
+            image = file.convert("RGB")
+    except OSError:
+        return  # a model's broken image is no reason to stop
+    smallest, largest = SIDES
+    if min(image.size) < smallest or ImageStat.Stat(image.convert("L")).stddev[0] < UNEVEN:
+        return
+    factor = min(1, largest / min(image.size))
+    image = image.resize([max(1, round(length * factor)) for length in image.size])
+    with whole_file(target) as kept:
+        image.save(kept, format="JPEG", quality=90)
+
+
+def drawn(paths: list[Path], colour: Triple, rng: Rng) -> Image.Image:
+    """A texture at random: in its own colours, or as shades of `colour` (RGB in [0, 1])."""
+    with Image.open(paths[rng.integers(len(paths))]) as file:
+        pixels = np.asarray(file.convert("RGB"), np.float32) / 255
+    if rng.random() < TINTED_SHARE:
+        grey = pixels.mean(axis=2, keepdims=True)
+        pixels = grey / max(float(grey.mean()), 0.1) * np.array(colour, np.float32)
+    return Image.fromarray((255 * pixels.clip(0, 1)).astype(np.uint8))
+
+
+def wrap(part: trimesh.Trimesh, image: Image.Image, repeats: float, start: tuple[float, float]) -> None:
+    """Lay a texture over a part from three sides, each face from the one that it looks to most.
+
+    repeats : over a length of 1. start : texture coordinates at the origin.
+    """
+    side = np.abs(part.vertex_normals).argmax(axis=1)
+    across = np.array([[2, 1], [0, 2], [0, 1]])[side]  # the two axes that a vertex's side shows
+    uv = np.take_along_axis(np.asarray(part.vertices), across, axis=1) * repeats + np.array(start)
+    part.visual = trimesh.visual.TextureVisuals(uv=uv, image=image)

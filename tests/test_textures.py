@@ -1,0 +1,97 @@
+"""The textures of made pieces: where they come from, how they lie on a part."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from model import cli
+from model.data.made import MadeJob, piece, render_made
+from model.data.manifest import Entry, Manifest, Split
+from model.data.surface import material_image
+from model.data.textures import FOLDER, SIDES, drawn, texture_files, wrap
+
+
+def noise(side: int, seed: int) -> Image.Image:
+    """8 x 8 fields of random colours."""
+    fields = np.random.default_rng(seed).integers(0, 255, (8, 8, 3), np.uint8)
+    return Image.fromarray(fields).resize((side, side), Image.Resampling.NEAREST)
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A data set of two objects, one of the training split, one of the test split, each with images beside its mesh."""
+    root = tmp_path_factory.mktemp("textures")
+    entries = []
+    for seed, split in enumerate[Split](("train", "test")):
+        place = root / "meshes" / split
+        place.mkdir(parents=True)
+        trimesh.creation.box().export(place / "mesh.ply")
+        noise(400, seed).save(place / "large.PNG")
+        entries.append(Entry(f"meshes/{split}/mesh", "Box", "meshes", split, "", "CC0", "", "", split))
+    place = root / "meshes/train"
+    noise(400, 0).save(place / "the same again.png")
+    noise(SIDES[0] - 1, 2).save(place / "small.png")
+    Image.new("RGB", (64, 64), (90, 20, 20)).save(place / "even.jpg")
+    (place / "broken.jpg").write_bytes(b"\xff\xd8\xff")
+    (root / "set").mkdir()
+    Manifest(0, tuple(entries), {}, {}).write(root / "set/manifest.json")
+    return root / "set"
+
+
+def test_they_are_the_training_objects_own_kept_once_and_small(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for _ in range(2):
+        assert cli.main(["data", "textures", "--data", str(data), "--meshes", str(data.parent / "meshes")]) == 0
+        assert capsys.readouterr().out == "1 textures\n"
+    (kept,) = texture_files(data)
+    with Image.open(kept) as image:
+        assert image.size == (SIDES[1], SIDES[1])
+        seen = np.asarray(image, float)
+    own, other = (np.asarray(noise(SIDES[1], seed), float) for seed in (0, 1))
+    assert np.abs(seen - own).mean() < 10
+    assert np.abs(seen - other).mean() > 50
+
+
+def test_some_lose_their_colour_to_the_materials(tmp_path: Path) -> None:
+    path = tmp_path / "green.jpg"
+    Image.fromarray(
+        np.dstack([np.zeros((8, 8)), np.arange(64).reshape(8, 8) * 3 + 40, np.zeros((8, 8))]).astype(np.uint8)
+    ).save(path)
+    rng = np.random.default_rng(0)
+    means = [np.asarray(drawn([path], (0.8, 0.1, 0.1), rng)).mean(axis=(0, 1)) for _ in range(40)]
+    red = [mean[0] > 2 * mean[1] for mean in means]
+    assert 0 < np.mean(red) < 1
+    assert all(mean[1] > 2 * mean[0] for mean, is_red in zip(means, red, strict=True) if not is_red)
+
+
+def test_a_texture_lies_flat_on_every_side_of_a_box() -> None:
+    box = trimesh.graph.smooth_shade(trimesh.creation.box(), angle=0.7)
+    wrap(box, noise(16, 0), 2.0, (0.25, 0.0))
+    assert material_image(box) is not None
+    for face in box.faces:
+        flat = np.linalg.norm(np.diff(box.visual.uv[face], axis=0), axis=1)
+        solid = np.linalg.norm(np.diff(box.vertices[face], axis=0), axis=1)
+        assert flat == pytest.approx(2 * solid)
+
+
+def test_half_of_a_pieces_materials_are_textured_where_there_are_textures(data: Path) -> None:
+    assert cli.main(["data", "textures", "--data", str(data), "--meshes", str(data.parent / "meshes")]) == 0
+    rng = np.random.default_rng(0)
+    parts = [part for _ in range(60) for part in piece(rng, texture_files(data))]
+    assert 0.3 < np.mean([material_image(part) is not None for part in parts]) < 0.7
+    assert not any(material_image(part) for part in piece(rng, []))
+
+
+def test_they_are_seen_and_the_shape_is_the_same_without(data: Path, tmp_path: Path) -> None:
+    texture = tmp_path / FOLDER / "stripes.jpg"
+    texture.parent.mkdir()
+    Image.fromarray(np.tile(np.repeat(np.array([[0, 255]], np.uint8), 16, axis=1), (32, 4))).save(texture)
+    views = []
+    for number, textures in enumerate(([], [texture])):
+        target = tmp_path / f"{number}.npz"
+        render_made(MadeJob(target, textures, seed=0, number=1, views=1))
+        views.append(np.load(target)["views"][0].astype(float))
+    plain, striped = views
+    assert (np.abs(plain[..., :3] - striped[..., :3]).max(axis=2) > 40).mean() > 0.05
