@@ -135,7 +135,7 @@ def _add_train(stage: argparse.ArgumentParser) -> None:
         help="share of the budget after which the loss is cd_epcg with an F-score-like term; 1: never",
     )
     stage.add_argument("--late-points", type=int, default=1_536, help="predicted points in the loss from there on")
-    stage.add_argument("--late-target-points", type=int, default=3_000, help="true points likewise")
+    stage.add_argument("--late-target-points", type=int, default=10_000, help="true points likewise")
 
 
 def _train(arguments: argparse.Namespace) -> None:

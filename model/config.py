@@ -69,7 +69,7 @@ class TrainConfig:
     steps: int | None = None
     late_from: float = 1.0
     late_points: int = 1_536
-    late_target_points: int = 3_000
+    late_target_points: int = 10_000
     variants: bool = False
     made: bool = False
     start: str | None = None
