@@ -12,11 +12,12 @@ FOLDER: Final = Path("model/results/tried")  # below the project's root
 
 
 def section(root: Path) -> str:
-    """A row for each record that `hof-model evaluate --run RUN --photographs -o` wrote to FOLDER; empty without any."""
+    """A row for each record that `hof-model evaluate --run RUN --photographs -o` wrote to FOLDER, one for the oracle;
+    empty without any record."""
     records = [Record.read(path) for path in sorted((root / FOLDER).glob("*.json"), key=_number)]
     if not records:
         return ""
-    rows = [row for record in records for row in _rows(record)]
+    rows = [list(row) for row in dict.fromkeys(tuple(row) for record in records for row in _rows(record))]
     objects, split = len(records[0].ids), records[0].split
     head = ["run", "steps", "minutes", *NAMES, "photographs: loss of f@2%"]
     return f"""## What was tried

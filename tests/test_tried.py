@@ -37,5 +37,13 @@ def test_a_run_and_the_oracle_beside_it_have_a_row_each(root: Path) -> None:
     assert "2 objects of the\ntest split" in tried.section(root)
 
 
+def test_the_oracle_has_one_row_however_many_runs_stand_beside_it(root: Path, tmp_path: Path) -> None:
+    record = Record.read(root / tried.FOLDER / "run-1.json")
+    for name in ("run-1", "run-2"):
+        record.write(tmp_path / tried.FOLDER / f"{name}.json")
+    lines = tried.section(tmp_path).splitlines()
+    assert sum(line.startswith(f"| {ORACLE}") for line in lines) == 1
+
+
 def test_without_records_there_is_no_section(tmp_path: Path) -> None:
     assert tried.section(tmp_path) == ""
