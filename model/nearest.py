@@ -45,16 +45,27 @@ def _search(queries: Array, targets: Array, found: Indices) -> None:  # pragma: 
                     if _gap(row, i) + _gap(column, j) >= best:
                         continue
                     run = (row * CELLS + column) * CELLS
-                    for t in range(starts[run + first], starts[run + last + 1]):
-                        dx, dy, dz = points[t, 0] - x, points[t, 1] - y, points[t, 2] - z
-                        squared = dx * dx + dy * dy + dz * dz
-                        if squared < best:
-                            best, index = squared, t
+                    start, end = starts[run + first], starts[run + last + 1]
+                    best, index = _nearest_of(points, start, end, (x, y, z), best, index)
             cells = min(np.sqrt(best) * CELLS, np.float32(CELLS))
             if cells <= reach:  # all that was not looked at is farther
                 break
             reach = min(2 * reach, int(cells) + 1)
         found[q] = order[index]
+
+
+@_compiled  # type: ignore[untyped-decorator]
+def _nearest_of(
+    points: Array, start: int, end: int, query: tuple[np.float32, np.float32, np.float32], best: np.float32, index: int
+) -> tuple[np.float32, int]:  # pragma: no cover - compiled
+    """The squared distance and the number of the nearest of points `start` to `end`, if it beats what was found."""
+    x, y, z = query
+    for t in range(start, end):
+        dx, dy, dz = points[t, 0] - x, points[t, 1] - y, points[t, 2] - z
+        squared = dx * dx + dy * dy + dz * dz
+        if squared < best:
+            best, index = squared, t
+    return best, index
 
 
 @_compiled  # type: ignore[untyped-decorator]

@@ -32,7 +32,7 @@ TEXTURE_CONTRAST: Final = (0.03, 0.2)  # standard deviation
 class Light:
     """How far an image's colours may be from the view's: ranges of factors on the object's brightness, on each
     of its channels and on the image's saturation, the share of grey images, the strength of the tone curve, and the
-    share of objects with a texture over them (made pieces have none of their own)."""
+    share of objects with a texture over them."""
 
     brightness: tuple[float, float]
     tint: tuple[float, float]

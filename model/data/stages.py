@@ -23,20 +23,16 @@ def add_stages(data: "argparse._SubParsersAction[argparse.ArgumentParser]") -> N
     build.add_argument("--seed", type=int, default=0)
     build.add_argument("--processes", type=int, default=os.cpu_count() or 1)
     vary = data.add_parser("vary", help="render free cameras and stretched shapes of a built data set")
-    vary.set_defaults(run=_vary, licence="unknown")  # the manifest has the licence
-    vary.add_argument("--data", type=Path, default=DATA)
-    vary.add_argument("--sh3f", type=Path, help="as for build")
-    vary.add_argument("--meshes", type=Path, help="as for build")
+    vary.set_defaults(run=_vary)
+    _add_source(vary)
     vary.add_argument(
         "--variants", type=int, default=9, help="other shapes per training object: 4 stretched, then warped"
     )
     vary.add_argument("--views", type=int, default=12, help="per shape")
     vary.add_argument("--processes", type=int, default=os.cpu_count() or 1)
     textures = data.add_parser("textures", help="keep the training objects' textures, for what `make` makes")
-    textures.set_defaults(run=_textures, licence="unknown")
-    textures.add_argument("--data", type=Path, default=DATA)
-    textures.add_argument("--sh3f", type=Path, help="as for build")
-    textures.add_argument("--meshes", type=Path, help="as for build")
+    textures.set_defaults(run=_textures)
+    _add_source(textures)
     make = data.add_parser("make", help="make furniture and other things by rule, for training only")
     make.set_defaults(run=_make)
     make.add_argument("--data", type=Path, default=DATA)
@@ -52,6 +48,14 @@ def add_stages(data: "argparse._SubParsersAction[argparse.ArgumentParser]") -> N
     preview.add_argument("-o", "--output", type=Path, default=Path("out/preview.png"))
     preview.add_argument("--objects", type=int, default=24)
     preview.add_argument("--variants", action="store_true", help="what `vary` wrote, one row per variant")
+
+
+def _add_source(stage: argparse.ArgumentParser) -> None:
+    """A built data set, and the meshes that it was built of."""
+    stage.set_defaults(licence="unknown")  # the manifest has the licence
+    stage.add_argument("--data", type=Path, default=DATA)
+    stage.add_argument("--sh3f", type=Path, help="as for build")
+    stage.add_argument("--meshes", type=Path, help="as for build")
 
 
 def _build(arguments: argparse.Namespace) -> None:
