@@ -9,10 +9,11 @@ import trimesh
 from PIL import Image
 
 from model import cli
+from model.data import textures
 from model.data.made import piece
 from model.data.manifest import Entry, Manifest, Split
 from model.data.render import shoot, stage
-from model.data.surface import material_image
+from model.data.surface import material_colour, material_image
 from model.data.textures import SIDES, drawn, texture_files, wrap
 
 
@@ -56,7 +57,8 @@ def test_they_are_the_training_objects_own_kept_once_and_small(data: Path, capsy
     assert np.abs(seen - other).mean() > 50
 
 
-def test_some_lose_their_colour_to_the_materials(tmp_path: Path) -> None:
+def test_some_lose_their_colour_to_the_materials(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(textures, "PRINT_SHARE", 0)
     path = tmp_path / "green.jpg"
     Image.fromarray(
         np.dstack([np.zeros((8, 8)), np.arange(64).reshape(8, 8) * 3 + 40, np.zeros((8, 8))]).astype(np.uint8)
@@ -66,6 +68,35 @@ def test_some_lose_their_colour_to_the_materials(tmp_path: Path) -> None:
     red = [mean[0] > 2 * mean[1] for mean in means]
     assert 0 < np.mean(red) < 1
     assert all(mean[1] > 2 * mean[0] for mean, is_red in zip(means, red, strict=True) if not is_red)
+
+
+def test_some_are_checks_or_stripes_in_the_materials_colour(tmp_path: Path) -> None:
+    path = tmp_path / "blue.jpg"
+    Image.new("RGB", (8, 8), (0, 0, 255)).save(path)
+    rng = np.random.default_rng(0)
+    images = [np.asarray(drawn([path], (0.9, 0.5, 0.1), rng), int) for _ in range(80)]
+    prints = [image for image in images if image.std(axis=(0, 1)).max() > 10]
+    assert 0.1 < len(prints) / len(images) < 0.3
+    assert all(np.abs(image - (230, 128, 26)).max(axis=2).min() < 90 for image in prints)
+    striped = [np.ptp(image, axis=1).max() == 0 or np.ptp(image, axis=0).max() == 0 for image in prints]
+    assert 0 < np.mean(striped) < 1
+
+
+def test_an_object_redressed_has_its_shape_and_another_look(data: Path) -> None:
+    glass = trimesh.visual.material.SimpleMaterial(diffuse=(90, 90, 200, 60))
+    parts = [trimesh.graph.smooth_shade(trimesh.creation.box(), angle=0.7) for _ in range(80)]
+    for part in parts[::2]:
+        part.visual.face_colors = (10, 20, 30, 255)
+    for part in parts[1::2]:
+        part.visual = trimesh.visual.TextureVisuals(uv=np.zeros((len(part.vertices), 2)), material=glass)
+    corners = [part.vertices.copy() for part in parts]
+    textures.redress(parts, texture_files(data), np.random.default_rng(0))
+    assert all((part.vertices == before).all() for part, before in zip(parts, corners, strict=True))
+    assert all(part.visual.material is glass for part in parts[1::2])
+    textured = [material_image(part) is not None for part in parts[::2]]
+    kept = [material_colour(part)[0].tolist() == [10, 20, 30] for part in parts[::2] if material_image(part) is None]
+    assert 0.3 < np.mean(textured) < 0.7
+    assert 0 < np.mean(kept) < 1
 
 
 def test_a_texture_lies_flat_on_every_side_of_a_box() -> None:
@@ -90,7 +121,7 @@ def test_they_are_seen_and_the_shape_is_the_same_without(tmp_path: Path) -> None
     texture = tmp_path / "stripes.jpg"
     Image.fromarray(np.tile(np.repeat(np.array([[0, 255]], np.uint8), 16, axis=1), (32, 4))).save(texture)
     camera = np.array([[30.0, 20.0, 3.0, 0.0]])
-    pieces = [piece(np.random.default_rng(1), textures) for textures in ([], [texture])]
+    pieces = [piece(np.random.default_rng(1), laid) for laid in ([], [texture])]
     views = []
     for parts in pieces:
         corners = np.concatenate([part.vertices for part in parts]).astype(np.float32)

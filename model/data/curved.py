@@ -22,6 +22,9 @@ def tub(rng: Rng) -> list[Solid]:
     tops = arm + (back - arm) * rises
     outer = _around(angles, tops, low, (x, z), squareness, rng.uniform(-0.05, 0.25))
     inner = outer * np.array([1 - thick / x, 1, 1 - thick / z])
+    if rng.random() < 0.3:  # fluted, as a shell is
+        flutes = rng.uniform(0.02, 0.08) * np.abs(np.cos(rng.integers(4, 10) * angles / 2))
+        inner = inner * (1 - flutes[:, None] * np.array([1, 0, 1]))
     solids = [between(outer, inner, "cloth")]
     soft = "cushion" if rng.random() < 0.4 else "cloth"
     wide, front = x - thick * 0.6, z * rng.uniform(0.75, 1.05)
@@ -77,19 +80,21 @@ def bucket(rng: Rng) -> list[Solid]:
     return [*stand(rng, width * 0.8, depth * 0.8, seat - thick), between(shell, below, "cloth")]
 
 
-def arched_board(rng: Rng, side: float, z: float, low: float, high: float) -> list[Solid]:
-    """A headboard with an arched, waved or stepped top, thin or padded; it stands outward from depth `z`."""
+def arched_board(rng: Rng, side: float, z: float, low: float, high: float, thick: float) -> list[Solid]:
+    """A headboard or a sofa's back, its top straight, arched, waved or stepped, some with buttons; it stands outward
+    from depth `z`."""
     across = np.linspace(-1, 1, 25)
     rise, kind = rng.uniform(0.1, 0.5) * (high - low) * 0.6, rng.random()
-    if kind < 0.5:
+    if kind < 0.25:
+        shape = np.ones(across.shape)
+    elif kind < 0.6:
         shape = np.sqrt(1 - 0.98 * across**2)
-    elif kind < 0.8:
+    elif kind < 0.85:
         shape = 0.5 + 0.5 * np.cos(rng.choice([1, 2, 3]) * math.pi * across)
     else:
         shape = (np.abs(across) < rng.uniform(0.3, 0.8)).astype(float)
     tops = high - rise + rise * shape
     y = low + np.linspace(0, 1, 8)[:, None] * (tops - low)
-    thick = rng.uniform(0.03, 0.16)
     x = np.broadcast_to(side * across, y.shape)
     dent = rng.uniform(0, 0.03) * np.cos(rng.integers(4, 9) * math.pi * x / side) * np.cos(18 * y)  # buttons
     outward = math.copysign(1, z)

@@ -1,5 +1,6 @@
 """Designs of cabinets, shelves, lamps, vessels, basins and appliances at random, as `model.data.seating` has seats."""
 
+import itertools
 import math
 
 import numpy as np
@@ -14,9 +15,10 @@ def cabinet(rng: Rng) -> list[Solid]:
     height = rng.uniform(1.6, 2.3) if rng.random() < 0.35 else rng.uniform(0.4, 1.2)
     x, z = width / 2, depth / 2
     low = rng.uniform(0.05, 0.25) if rng.random() < 0.55 else 0.0
-    solids = [box((-x, low, -z), (x, height, z), "wood")]
-    if low:
-        solids += legs(rng, width, depth, low, rng.uniform(0.02, 0.04))
+    stood = legs(rng, width, depth, low, rng.uniform(0.02, 0.04)) if low else []
+    if rng.random() < 0.3:
+        return [*stood, *_open_cabinet(rng, (x, z), (low, height))]
+    solids = [*stood, box((-x, low, -z), (x, height, z), "wood")]
     if rng.random() < 0.4:
         over = rng.uniform(0.01, 0.05)
         solids.append(box((-x - over, height, -z), (x + over, height + 0.03, z + over), "top"))
@@ -27,6 +29,25 @@ def cabinet(rng: Rng) -> list[Solid]:
     solids += fronts(rng, (-x, x), (low, middle), z, (columns, rows))
     if split < 1:
         solids += fronts(rng, (-x, x), (middle, height), z, (columns, 1))
+    return solids
+
+
+def _open_cabinet(rng: Rng, half: tuple[float, float], ends: tuple[float, float]) -> list[Solid]:
+    """Boards around cells, some of which have a door or a drawer: what a screen stands on, a dresser, a kitchen's
+    unit."""
+    (x, z), (low, high), thick = half, ends, rng.uniform(0.015, 0.04)
+    columns = max(1, round(2 * x / rng.uniform(0.35, 0.9)))
+    rows = max(1, round((high - low) / rng.uniform(0.2, 0.5)))
+    xs, ys = np.linspace(-x, x, columns + 1), np.linspace(low, high, rows + 1)
+    solids = [box((at - thick / 2, low, -z), (at + thick / 2, high, z), "wood") for at in xs]
+    solids += [box((-x, at - thick / 2, -z), (x, at + thick / 2, z), "wood") for at in ys]
+    if rng.random() < 0.85:
+        solids.append(box((-x, low, -z), (x, high, thick - z), "wood"))
+    closed = rng.uniform(0, 0.8)
+    for sides in itertools.pairwise(xs.tolist()):
+        for cell in itertools.pairwise(ys.tolist()):
+            if rng.random() < closed:
+                solids += fronts(rng, sides, cell, z - thick, (1, 1))
     return solids
 
 
@@ -68,11 +89,7 @@ def lamp(rng: Rng) -> list[Solid]:
     foot, thick = size * rng.uniform(0.5, 1.0), rng.uniform(0.01, 0.06)
     base = turned([(0, 0), (foot, 0), (foot * rng.uniform(0.5, 1), thick), (0, thick)], "leg")
     if kind < 0.45:  # bends
-        elbow, reach = height * rng.uniform(0.5, 0.8), height * rng.uniform(0.3, 0.6)
-        top = (0.0, height, reach)
-        bent = [rod((0, 0, 0), (0, elbow, -reach / 3), 0.012, "leg"), rod((0, elbow, -reach / 3), top, 0.012, "leg")]
-        head = rod(top, (0, height - size, reach + size / 2), (size * 0.25, size * 0.7), "shade", 24)
-        return [base, *bent, head]
+        return [base, *_bent_arm(rng, height, size)]
     if kind < 0.65:  # a turned body
         body = size * rng.uniform(0.3, 0.9)
         tall = size * rng.uniform(1.0, 2.5)
@@ -82,6 +99,23 @@ def lamp(rng: Rng) -> list[Solid]:
             *_shade(rng, size * 1.2, tall + size * 0.5),
         ]
     return [base, rod((0, 0, 0), (0, height, 0), rng.uniform(0.008, 0.03), "leg"), *_shade(rng, size, height)]
+
+
+def _bent_arm(rng: Rng, height: float, size: float) -> list[Solid]:
+    """An arm of two bars or in a bow, and a shade at its end that looks down."""
+    reach = height * rng.uniform(0.3, 0.6)
+    if rng.random() < 0.5:
+        elbow = height * rng.uniform(0.5, 0.8)
+        knots = [(0.0, 0.0, 0.0), (0.0, elbow, -reach / 3), (0.0, height, reach)]
+    else:
+        bow, turns = height * rng.uniform(0.15, 0.5), np.linspace(math.pi, rng.uniform(0, 0.3) * math.pi, 9)
+        straight = height - bow
+        arc = [(0.0, straight + bow * math.sin(turn), reach * (1 + math.cos(turn)) / 2) for turn in turns]
+        knots = [(0.0, 0.0, 0.0), *arc]
+    bars = [rod(start, end, 0.012, "leg") for start, end in itertools.pairwise(knots)]
+    _, y, z = knots[-1]
+    out = rng.uniform(-0.2, 0.6) * size
+    return [*bars, rod((0, y, z), (0, y - size, z + out), (size * 0.25, size * 0.7), "shade", 24)]
 
 
 def _rail(rng: Rng) -> list[Solid]:

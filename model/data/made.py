@@ -10,12 +10,12 @@ from typing import Final
 import numpy as np
 import trimesh
 
-from model.data import curved, furnishings, seating, things
+from model.data import curved, furnishings, seating, sofas, things
 from model.data.manifest import MADE, Manifest
 from model.data.primitives import MATERIALS, Rng, Solid, Triple, assembled
 from model.data.render import POINTS, shoot, stage
 from model.data.surface import Floats, sample_surface
-from model.data.textures import REPEATS, drawn, texture_files, wrap
+from model.data.textures import drawn, random_repeats, texture_files, wrap
 from model.data.variants import free_cameras
 from model.data.visible import visible
 from model.data.workers import run_told
@@ -26,7 +26,7 @@ DESIGNS: Final[dict[Callable[[Rng], list[Solid]], float]] = {  # and how often e
     seating.stool: 0.02,
     curved.tub: 0.1,
     curved.bucket: 0.04,
-    seating.sofa: 0.13,
+    sofas.sofa: 0.13,
     seating.bed: 0.09,
     seating.crib: 0.01,
     seating.table: 0.09,
@@ -99,8 +99,7 @@ def piece(rng: Rng, textures: list[Path]) -> list[trimesh.Trimesh]:
     for material in MATERIALS:
         if textures and rng.random() < TEXTURED_SHARE:
             image = drawn(textures, colours[material], rng)
-            repeats = float(np.exp(rng.uniform(*np.log(REPEATS))))
-            start = (rng.random(), rng.random())
+            repeats, start = random_repeats(rng), (rng.random(), rng.random())
             for part, (_, of_material) in zip(parts, solids, strict=True):
                 if of_material == material:
                     wrap(part, image, repeats, start)
@@ -113,7 +112,8 @@ def _colours(rng: Rng) -> dict[str, Triple]:
     grey = _near(rng, (rng.random(),) * 3)
     found = {}
     for material in MATERIALS:
-        anything: Triple = tuple(rng.uniform(0.05, 0.95, 3).tolist())
+        bright = rng.uniform(0.05, 0.95, 3)
+        anything: Triple = tuple((bright.mean() + rng.random() * (bright - bright.mean())).tolist())
         likely = {"wood": wood, "leg": grey, "front": wood, "sheet": (0.92, 0.91, 0.88)}.get(material, anything)
         found[material] = (wood, likely, likely, anything)[rng.integers(4)]
     return found

@@ -1,4 +1,4 @@
-"""Designs of seats, beds and tables at random: each function draws one piece, standing on the floor, facing +Z."""
+"""Designs of chairs, beds and tables at random: each function draws one piece, standing on the floor, facing +Z."""
 
 import math
 
@@ -68,59 +68,6 @@ def stool(rng: Rng) -> list[Solid]:
     return [*stand(rng, width * 0.8, width * 0.8, seat - thick), top]
 
 
-def sofa(rng: Rng) -> list[Solid]:
-    """An armchair or a sofa of up to four seats, some around a corner."""
-    seats = int(rng.choice(4, p=(0.4, 0.2, 0.25, 0.15))) + 1
-    arm = rng.uniform(0.1, 0.3) if rng.random() < 0.9 else 0.0
-    each, depth = rng.uniform(0.5, 0.8), rng.uniform(0.7, 1.0)
-    width = seats * each + 2 * arm
-    foot = rng.uniform(0.03, 0.16) if rng.random() < 0.7 else 0.0
-    base, seat = foot + rng.uniform(0.1, 0.25), rng.uniform(0.38, 0.5)
-    back, height = rng.uniform(0.12, 0.3), rng.uniform(0.65, 1.0)
-    round_ = rng.uniform(0.15, 0.5)
-    inner, front = width / 2 - arm, depth / 2
-    solids = [box((-inner, foot, -front), (inner, base, front), "cloth")]
-    solids += leaned(
-        [cushion((-inner, foot, -front), (inner, height, back - front), "cloth", round_)], rng.uniform(0, 0.25), seat
-    )
-    soft = "cushion" if rng.random() < 0.4 else "cloth"
-    for number in range(seats):
-        left = -inner + number * each
-        low, high = (left, base, back - front), (left + each, seat, front)
-        solids.append(cushion(low, high, soft, rng.uniform(0.15, 0.4)))
-        if rng.random() < 0.5:
-            thick = rng.uniform(0.1, 0.2)
-            pillow = cushion((left, seat, back - front), (left + each, height, back - front + thick), soft, round_)
-            solids += leaned([pillow], 0.2, seat)
-    if arm:
-        solids += _soft_arms(rng, inner, arm, foot, (seat + rng.uniform(0.05, 0.25), front), round_)
-    if foot:
-        solids += legs(rng, width, depth, foot, 0.03)
-    if seats > 1 and rng.random() < 0.3:  # around a corner
-        side, reach = rng.choice([-1, 1]), rng.uniform(0.5, 1.0)
-        near, far = sorted((side * inner, side * (inner - each)))
-        solids.append(cushion((near, foot, front), (far, seat, front + reach), "cloth", 0.2))
-    return solids
-
-
-def _soft_arms(
-    rng: Rng, inner: float, arm: float, foot: float, top_front: tuple[float, float], round_: float
-) -> list[Solid]:
-    top, front = top_front
-    solids = []
-    rolled = rng.random() < 0.3
-    for side in (-1, 1):
-        near, far = sorted((side * inner, side * (inner + arm)))
-        if rng.random() < 0.5 or rolled:
-            solids.append(cushion((near, foot, -front), (far, top, front), "cloth", round_))
-        else:
-            solids.append(box((near, foot, -front), (far, top, front), "cloth"))
-        if rolled:
-            middle, radius = side * (inner + arm / 2), arm * 0.65
-            solids.append(rod((middle, top, -front), (middle, top, front), radius, "cloth", 20))
-    return solids
-
-
 def bed(rng: Rng) -> list[Solid]:
     """A bed for one or two, a bunk, or a crib."""
     width, length = rng.uniform(0.8, 2.0), rng.uniform(1.8, 2.2)
@@ -157,7 +104,7 @@ def _berth(rng: Rng, width: float, length: float, floor: float) -> list[Solid]:
         solids += legs(rng, width, length, low, 0.04)
     if rng.random() < 0.6:
         start = rng.uniform(-0.5, 0.3) * end
-        drop = rng.uniform(frame - 0.2, top - 0.02) if rng.random() < 0.6 else frame
+        drop = rng.uniform(floor, frame) if rng.random() < 0.5 else rng.uniform(frame, top - 0.02)
         solids.append(cushion((-side - 0.02, drop, start), (side + 0.02, top + 0.03, end + 0.02), "cover", 0.12))
     count = 2 if width > 1.2 else 1
     for number in range(count if rng.random() < 0.85 else 0):
@@ -179,7 +126,7 @@ def _board(rng: Rng, side: float, z: float, low: float, high: float) -> list[Sol
     if kind < 0.25:
         return [box((-side, low, near), (side, high, far), "wood")]
     if kind < 0.55:
-        return arched_board(rng, side, z, low, high)
+        return arched_board(rng, side, z, low, high, abs(thick))
     if kind < 0.7:
         return [cushion((-side, low, near), (side, high, far + 0.05), "cloth", 0.2)]
     solids = [rod((x, low, z), (x, high, z), 0.03, "wood", 4) for x in (-side, side)]

@@ -22,11 +22,14 @@ def add_stages(data: "argparse._SubParsersAction[argparse.ArgumentParser]") -> N
     build.add_argument("--limit", type=int, help="only the first LIMIT meshes")
     build.add_argument("--seed", type=int, default=0)
     build.add_argument("--processes", type=int, default=os.cpu_count() or 1)
-    vary = data.add_parser("vary", help="render free cameras and stretched shapes of a built data set")
+    vary = data.add_parser("vary", help="render free cameras and other shapes of a built data set")
     vary.set_defaults(run=_vary)
     _add_source(vary)
     vary.add_argument(
-        "--variants", type=int, default=9, help="other shapes per training object: 4 stretched, then warped"
+        "--variants",
+        type=int,
+        default=13,
+        help="other shapes per training object: 4 stretched, 5 warped, then redressed",
     )
     vary.add_argument("--views", type=int, default=12, help="per shape")
     vary.add_argument("--processes", type=int, default=os.cpu_count() or 1)
@@ -36,7 +39,7 @@ def add_stages(data: "argparse._SubParsersAction[argparse.ArgumentParser]") -> N
     make = data.add_parser("make", help="make furniture and other things by rule, for training only")
     make.set_defaults(run=_make)
     make.add_argument("--data", type=Path, default=DATA)
-    make.add_argument("--pieces", type=int, default=5_000)
+    make.add_argument("--pieces", type=int, default=9_000)
     make.add_argument("--views", type=int, default=10, help="per piece")
     make.add_argument("--processes", type=int, default=os.cpu_count() or 1)
     photographs = data.add_parser("photographs", help="download free photographs to stand behind objects in training")

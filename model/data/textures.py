@@ -13,6 +13,7 @@ from PIL import Image, ImageStat
 from model.data.manifest import Manifest
 from model.data.meshes import MeshRecord
 from model.data.primitives import Rng, Triple
+from model.data.surface import material_colour
 from model.files import whole_file
 
 FOLDER: Final = "textures"  # in the data set's folder
@@ -21,6 +22,8 @@ SIDES: Final = (32, 192)  # pixels: smaller ones are swatches of one colour, lar
 UNEVEN: Final = 4.0  # standard deviation of the grey levels, of 255: what has less shows nothing
 REPEATS: Final = (0.6, 4.0)  # of a texture over the longest side, uniform in the logarithm
 TINTED_SHARE: Final = 0.4  # of the textures lose their own colour to another
+PRINT_SHARE: Final = 0.2  # of what is drawn are checks, stripes or dots
+PRINT_SIDE: Final = 96  # pixels
 
 
 def gather_textures(records: Iterable[MeshRecord], folder: Path) -> list[Path]:
@@ -61,13 +64,43 @@ def _keep_small(path: Path, target: Path) -> None:
 
 
 def drawn(paths: list[Path], colour: Triple, rng: Rng) -> Image.Image:
-    """A texture at random: in its own colours, or as shades of `colour` (RGB in [0, 1])."""
+    """A texture at random, in its own colours or as shades of `colour` (RGB in [0, 1]), or a print on `colour`."""
+    if rng.random() < PRINT_SHARE:
+        return _printed(colour, rng)
     with Image.open(paths[rng.integers(len(paths))]) as file:
         pixels = np.asarray(file.convert("RGB"), np.float32) / 255
     if rng.random() < TINTED_SHARE:
         grey = pixels.mean(axis=2, keepdims=True)
         pixels = grey / max(float(grey.mean()), 0.1) * np.array(colour, np.float32)
     return Image.fromarray((255 * pixels.clip(0, 1)).astype(np.uint8))
+
+
+def _printed(colour: Triple, rng: Rng) -> Image.Image:
+    """Checks or stripes of another colour on `colour`."""
+    waves = np.sin(2 * np.pi * rng.integers(2, 9) * np.arange(PRINT_SIDE) / PRINT_SIDE)
+    stripes = 1 / (1 + np.exp(rng.uniform(2, 12) * (rng.uniform(-0.7, 0.7) - waves)))
+    covered = np.add.outer(stripes, stripes * rng.integers(2)) / 2
+    other = rng.uniform(0, 1, 3) if rng.random() < 0.5 else np.full(3, rng.choice([0.05, 0.95]))
+    pixels = np.array(colour) + covered[..., None] * (other - np.array(colour))
+    return Image.fromarray((255 * pixels.clip(0, 1)).astype(np.uint8))
+
+
+def redress(parts: list[trimesh.Trimesh], paths: list[Path], rng: Rng) -> None:
+    """Give some parts of an object another look: half of them a texture, a quarter a plain colour. Glass stays."""
+    for part in parts:
+        kind = rng.random()
+        colour: Triple = tuple(rng.uniform(0.05, 0.95, 3).tolist())
+        if kind < 0.25 or material_colour(part)[1] < 1:
+            continue
+        if kind < 0.5:
+            part.visual = trimesh.visual.ColorVisuals(part, face_colors=[*(round(255 * each) for each in colour), 255])
+        else:
+            wrap(part, drawn(paths, colour, rng), random_repeats(rng), (rng.random(), rng.random()))
+
+
+def random_repeats(rng: Rng) -> float:
+    """How often a texture lies over a length of 1."""
+    return float(np.exp(rng.uniform(*np.log(REPEATS))))
 
 
 def wrap(part: trimesh.Trimesh, image: Image.Image, repeats: float, start: tuple[float, float]) -> None:

@@ -12,15 +12,17 @@ import numpy.typing as npt
 import pyvista
 import trimesh
 
-from model.data.manifest import VARIANTS, Entry, Manifest, variant_file
+from model.data.manifest import VARIANTS, Manifest, variant_file
 from model.data.meshes import MeshRecord, load_parts
 from model.data.render import POINTS, shoot, stage, stretch
 from model.data.surface import sample_surface
+from model.data.textures import redress, texture_files
 from model.data.warp import STRETCH, warped
 from model.data.workers import run_told
 from model.files import whole_file
 
-STRETCHED: Final = 4  # variants 1 to this are stretched, those after it warped
+STRETCHED: Final = 4  # variants 1 to this are stretched, those after it warped,
+WARPED: Final = 9  # and those after this warped in other colours and textures
 DISTANCE: Final = (1.3, 6.0)  # longest sides, uniform in the logarithm: wide to long lenses
 ELEVATION_DEG: Final = (0.0, 45.0)
 TRAIN_ELEVATION_DEG: Final = (-5.0, 55.0)
@@ -54,6 +56,7 @@ class VariantsJob:
     base: Path
     targets: dict[int, Path]
     train: bool
+    textures: list[Path]
     views: int
     seed: int
 
@@ -62,7 +65,8 @@ def vary(records: Iterable[MeshRecord], folder: Path, variants: int, views: int,
     """Write the variants of every object in `folder`'s manifest that are missing; return id -> failure.
 
     Variant 0 is the object as it is under free cameras; of the training split alone, 1 to STRETCHED are
-    stretched and those up to `variants` warped. Each is a function of (the manifest's seed, id, number).
+    stretched, those up to WARPED warped, and those up to `variants` warped with textures of other training
+    objects, where `hof-model data textures` has kept any. Each is a function of (the manifest's seed, id, number).
     Running it again goes on where it stopped.
 
     Raises
@@ -75,16 +79,16 @@ def vary(records: Iterable[MeshRecord], folder: Path, variants: int, views: int,
     if lacking := [entry.id for entry in manifest.entries if entry.id not in known]:
         raise ValueError(f"the source lacks {len(lacking)} objects of the manifest, {lacking[0]} among them")
     (folder / VARIANTS).mkdir(exist_ok=True)
-    jobs = [_job(folder, entry, known[entry.id], manifest.seed, variants, views) for entry in manifest.entries]
-    jobs = [job for job in jobs if job.targets]
+    textures = texture_files(folder)
+    jobs = []
+    for entry in manifest.entries:
+        train = entry.split == "train"
+        files = {number: variant_file(folder, entry, number) for number in range(1 + variants * train)}
+        missing = {number: file for number, file in files.items() if not file.exists()}
+        if missing:
+            base = folder / entry.file
+            jobs.append(VariantsJob(known[entry.id], base, missing, train, textures, views, manifest.seed))
     return run_told(render_variants, jobs, lambda job: job.record.id, processes, "vary", "object")
-
-
-def _job(folder: Path, entry: Entry, record: MeshRecord, seed: int, variants: int, views: int) -> VariantsJob:
-    train = entry.split == "train"
-    files = {number: variant_file(folder, entry, number) for number in range(1 + variants * train)}
-    missing = {number: file for number, file in files.items() if not file.exists()}
-    return VariantsJob(record, folder / entry.file, missing, train, views, seed)
 
 
 def render_variants(job: VariantsJob) -> None:
@@ -96,7 +100,7 @@ def render_variants(job: VariantsJob) -> None:
         for number, target in job.targets.items():
             rng = np.random.default_rng([job.seed, number, *job.record.id.encode()])
             if number > STRETCHED:
-                variant = _warped(parts, job, rng)
+                variant = _warped(parts, job, number, rng)
             else:
                 scale = stretch_factors(parts, rng) if number else np.ones(3)
                 points = scaled_points(parts, scale, rng) if number else base
@@ -106,9 +110,11 @@ def render_variants(job: VariantsJob) -> None:
                 np.savez_compressed(file, **vars(variant))
 
 
-def _warped(parts: list[trimesh.Trimesh], job: VariantsJob, rng: np.random.Generator) -> Variant:
+def _warped(parts: list[trimesh.Trimesh], job: VariantsJob, number: int, rng: np.random.Generator) -> Variant:
     moved, scale = warped(parts, rng), np.ones(3)
     points = scaled_points(moved, scale, rng)
+    if number > WARPED and job.textures:
+        redress(moved, job.textures, rng.spawn(1)[0])  # the cameras stay what they are
     with closing(stage(moved, multisampling=False)) as plotter:
         return _shot(plotter, scale, points, job, rng)
 
