@@ -42,7 +42,7 @@ class Light:
     textured_share: float
 
 
-ANY_LIGHT: Final = Light((0.5, 1.4), (0.85, 1.15), (0.4, 1.4), 0.1, 0.8, 0.3)  # geometry is the same in all of them
+ANY_LIGHT: Final = Light((0.5, 1.4), (0.85, 1.15), (0.4, 1.4), 0.1, 0.8, 0.15)  # geometry is the same in all of them
 WHITE_LIGHT: Final = Light((0.9, 1.1), (0.97, 1.03), (0.9, 1.1), 0.0, 0.15, 0.0)  # which leaves colours to be told
 
 
