@@ -15,9 +15,9 @@ from model.data.stands import legs
 class _Plan:
     """Lengths of a sofa in metres.
 
-    each, seats : width of a seat, and how many there are. inner, front : halves of width, between the arms, and depth.
+    seats, each : how many seats there are, and the width of one. front : half of the depth.
     foot, base, seat, top : heights of the legs, of the box on them, of the cushions on that, and of the back.
-    back : thickness of the back.
+    back : thickness of the back. round_ : roundness of its cushions and of soft arms, as `cushion` has it.
     """
 
     seats: int
@@ -32,6 +32,7 @@ class _Plan:
 
     @property
     def inner(self) -> float:
+        """Half of the width between the arms."""
         return self.seats * self.each / 2
 
 
