@@ -24,7 +24,7 @@ Bytes = npt.NDArray[np.uint8]
 Floats = npt.NDArray[np.float32]
 
 VISIBLE: Final = 0.005  # of a view's pixels: a flat object seen from its edge shows nothing, and is left out
-MADE_A_DRAW: Final = 10  # pieces that share an object's turn: 9,000 of them are six tenths of the batches
+MADE_A_DRAW: Final = 20  # pieces that share an object's turn: 9,000 of them are four tenths of the batches
 MIRROR: Final = np.array([-1, 1, 1], np.float32)  # left and right exchanged, object frame
 
 
