@@ -1,4 +1,4 @@
-"""The textures of made pieces: where they come from, how they lie on a part."""
+"""The textures of made pieces and redressed objects: where they come from, how they lie on a part."""
 
 from contextlib import closing
 from pathlib import Path

@@ -15,7 +15,7 @@ from model.data.manifest import MADE, Manifest
 from model.data.primitives import MATERIALS, Rng, Solid, Triple, assembled
 from model.data.render import POINTS, shoot, stage
 from model.data.surface import Floats, sample_surface
-from model.data.textures import drawn, random_repeats, texture_files, wrap
+from model.data.textures import any_place, drawn, texture_files, wrap
 from model.data.variants import free_cameras
 from model.data.visible import visible
 from model.data.workers import run_told
@@ -99,7 +99,7 @@ def piece(rng: Rng, textures: list[Path]) -> list[trimesh.Trimesh]:
     for material in MATERIALS:
         if textures and rng.random() < TEXTURED_SHARE:
             image = drawn(textures, colours[material], rng)
-            repeats, start = random_repeats(rng), (rng.random(), rng.random())
+            repeats, start = any_place(rng)
             for part, (_, of_material) in zip(parts, solids, strict=True):
                 if of_material == material:
                     wrap(part, image, repeats, start)

@@ -102,6 +102,11 @@ def assembled(solids: list[Solid], colours: dict[str, Triple]) -> list[trimesh.T
     for mesh, material in solids:
         mesh.apply_transform(transform)
         part = trimesh.graph.smooth_shade(mesh, angle=EDGE_RAD)
-        part.visual.face_colors = [*(round(255 * each) for each in colours[material]), 255]
+        paint(part, colours[material])
         parts.append(part)
     return parts
+
+
+def paint(part: trimesh.Trimesh, colour: Triple) -> None:
+    """Give a part one colour, RGB in [0, 1], in place of what it had."""
+    part.visual = trimesh.visual.ColorVisuals(part, face_colors=[*(round(255 * each) for each in colour), 255])

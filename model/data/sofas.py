@@ -102,7 +102,7 @@ def _cushions(rng: Rng, plan: _Plan, soft: str) -> list[Solid]:
 
 
 def _arms(rng: Rng, plan: _Plan, arm: float) -> list[Solid]:
-    """Two arms alike: boxes or cushions, some rolled, as high as the back or falling to the front; or of wood."""
+    """Two arms of one kind: boxes or cushions, some rolled, as high as the back or falling to the front; or of wood."""
     top = plan.top if rng.random() < 0.15 else min(plan.top, plan.seat + rng.uniform(0.05, 0.25))
     inner, front = plan.inner, plan.front * rng.uniform(0.85, 1.0)
     kind, fall = rng.random(), rng.uniform(0, 0.3) if rng.random() < 0.4 else 0.0

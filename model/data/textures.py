@@ -1,5 +1,5 @@
-"""Textures of the training split's own materials, for pieces made by rule: wood, cloth, prints, with what is drawn on
-them, so that not every made thing is of one colour."""
+"""Textures of the training split's own materials, for pieces made by rule, so that not every made thing is of one
+colour, and for training objects that are to look otherwise: wood, cloth, prints, with what is drawn on them."""
 
 import hashlib
 from collections.abc import Iterable
@@ -12,7 +12,7 @@ from PIL import Image, ImageStat
 
 from model.data.manifest import Manifest
 from model.data.meshes import MeshRecord
-from model.data.primitives import Rng, Triple
+from model.data.primitives import Rng, Triple, paint
 from model.data.surface import material_colour
 from model.files import whole_file
 
@@ -22,7 +22,7 @@ SIDES: Final = (32, 192)  # pixels: smaller ones are swatches of one colour, lar
 UNEVEN: Final = 4.0  # standard deviation of the grey levels, of 255: what has less shows nothing
 REPEATS: Final = (0.6, 4.0)  # of a texture over the longest side, uniform in the logarithm
 TINTED_SHARE: Final = 0.4  # of the textures lose their own colour to another
-PRINT_SHARE: Final = 0.2  # of what is drawn are checks, stripes or dots
+PRINT_SHARE: Final = 0.2  # of what is drawn are checks or stripes
 PRINT_SIDE: Final = 96  # pixels
 
 
@@ -93,14 +93,14 @@ def redress(parts: list[trimesh.Trimesh], paths: list[Path], rng: Rng) -> None:
         if kind < 0.25 or material_colour(part)[1] < 1:
             continue
         if kind < 0.5:
-            part.visual = trimesh.visual.ColorVisuals(part, face_colors=[*(round(255 * each) for each in colour), 255])
+            paint(part, colour)
         else:
-            wrap(part, drawn(paths, colour, rng), random_repeats(rng), (rng.random(), rng.random()))
+            wrap(part, drawn(paths, colour, rng), *any_place(rng))
 
 
-def random_repeats(rng: Rng) -> float:
-    """How often a texture lies over a length of 1."""
-    return float(np.exp(rng.uniform(*np.log(REPEATS))))
+def any_place(rng: Rng) -> tuple[float, tuple[float, float]]:
+    """How a texture may lie: `repeats` and `start` of `wrap`."""
+    return float(np.exp(rng.uniform(*np.log(REPEATS)))), (rng.random(), rng.random())
 
 
 def wrap(part: trimesh.Trimesh, image: Image.Image, repeats: float, start: tuple[float, float]) -> None:
