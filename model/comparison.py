@@ -15,7 +15,7 @@ from model.metrics import compare, floor
 from model.perturb import Condition
 from model.provenance import provenance
 from model.records import Decoder, Record
-from model.reference import Retrieval, Training
+from model.reference import Retrieval, Training, blob
 from model.timing import mapping_decoder, network_decoder
 from service.encoder import Encoder
 from service.images import preprocess
@@ -27,6 +27,7 @@ MEAN_SHAPE: Final = "mean shape"
 RANDOM_SHAPE: Final = "random training shape"
 RETRIEVAL: Final = "image retrieval"
 ORACLE: Final = "oracle nearest neighbour"
+BLOB: Final = "blob that knows the truth"
 FLOOR: Final = "same surface, sampled again"
 CEILING: Final = "theta fitted to the object"
 
@@ -94,6 +95,7 @@ def references(data: Path, split: Split, seed: int, conditions: tuple[Condition,
         MEAN_SHAPE: lambda _: pool,
         RANDOM_SHAPE: lambda case: training.random_shape(case.entry.id, seed),
         ORACLE: lambda case: training.oracle(case.points),
+        BLOB: lambda case: blob(case.points, seed),
     }
     return [
         *(measure(RETRIEVAL, retrieval, objects, data, condition, seed=seed)[0] for condition in conditions),

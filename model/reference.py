@@ -58,6 +58,17 @@ class Training:
         return points
 
 
+def blob(true: Floats, seed: int) -> Floats:
+    """The ellipsoid with the true points' mean and covariance: as many points, spread as over a sphere that is
+    stretched, (m, 3) -> (m, 3). What has no more shape than a place, a size and a slant."""
+    directions = np.random.default_rng(seed).normal(size=true.shape)
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)  # of covariance 1/3
+    values, axes = np.linalg.eigh(np.cov(true.T))
+    spread = np.sqrt(3 * np.clip(values, 0, None))
+    points: Floats = (true.mean(axis=0) + directions * spread @ axes.T).astype(np.float32)
+    return points
+
+
 class Retrieval:
     """The training object whose image, of any of its views, has the features most like the photo's."""
 

@@ -9,7 +9,7 @@ from model import mixture_report, surfaces, tables, tried
 from model.asked import asked_table, checks
 from model.classes import class_of
 from model.color_figures import color_record, color_section
-from model.comparison import COUNTS, ORACLE, RETRIEVAL, encoder_record, references
+from model.comparison import BLOB, COUNTS, ORACLE, RETRIEVAL, encoder_record, references
 from model.data.manifest import Split
 from model.evaluate import POINTS, VIEWS, Evaluation, cases
 from model.perturb import CONDITIONS, FREE_VIEWS
@@ -125,7 +125,7 @@ def markdown(
             _head(ours, shipped),
             f"## Asked and measured\n\n{asked}",
             _comparison(evaluations, decoders, ours.method),
-            _classes(evaluations, classes, [ours.method, RETRIEVAL, ORACLE]),
+            _classes(evaluations, classes, ours),
             f"## Points\n\n{tables.by_count(evaluations, ours.method)}",
             _conditions(evaluations, [ours.method, RETRIEVAL]),
             *sections,
@@ -170,21 +170,26 @@ def _comparison(evaluations: Sequence[Evaluation], decoders: dict[str, Decoder],
 Milliseconds are on one core: the shipped model in the service's sampler, other trained methods in torch.
 `benchmarks/RESULTS.md` times the decoders in their best form each. Mean shape: points of all training objects
 together. Image retrieval: the training object whose image, any of its 24 views, is nearest by cosine of pretrained
-EfficientNet-Lite0 features. Oracle: the training object nearest to the truth by summed cd_epcg. Same surface: what a
-fresh sample of the true surface would get.
+EfficientNet-Lite0 features. Oracle: the training object nearest to the truth by summed cd_epcg. Blob: the ellipsoid
+with the true points' mean and covariance. Same surface: what a fresh sample of the true surface would get.
 
 Differences, object by object; bold where the paired interval excludes 0. Distances are better below 0, F-scores above.
 
 {tables.differences(evaluations, method)}"""
 
 
-def _classes(evaluations: Sequence[Evaluation], classes: Sequence[str], methods: Sequence[str]) -> str:
+def _classes(evaluations: Sequence[Evaluation], classes: Sequence[str], ours: Record) -> str:
+    found, blob = (tables.find(evaluations, method).column("f@2%") for method in (ours.method, BLOB))
+    beaten = [id_ for id_, here, there in zip(ours.ids, found, blob, strict=True) if here <= there]
     return f"""## Classes
 
 By rules on the catalogue's names (`model/classes.py`). Class-uniform means count every class alike, class-weighted
 ones every object.
 
-{tables.per_class(evaluations, methods, classes)}"""
+{tables.per_class(evaluations, [ours.method, RETRIEVAL, ORACLE, BLOB], classes)}
+
+Objects whose prediction is no better than their blob in f@2%, {len(beaten)} of {len(ours.ids)}:
+{", ".join(beaten) or "none"}."""
 
 
 def _conditions(evaluations: Sequence[Evaluation], methods: Sequence[str]) -> str:

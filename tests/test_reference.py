@@ -10,7 +10,7 @@ from model.data.manifest import Manifest
 from model.features import WIDTH, Features, training_bank
 from model.metrics import compare
 from model.perturb import png
-from model.reference import Retrieval, Training
+from model.reference import Retrieval, Training, blob
 
 
 @pytest.fixture(scope="module")
@@ -43,6 +43,22 @@ def test_the_random_shape_depends_on_object_and_seed_alone(training: Training) -
     shapes = {id_: training.random_shape(id_, 0) for id_ in "abcdefgh"}
     assert all((training.random_shape(id_, 0) == shape).all() for id_, shape in shapes.items())
     assert len({shape.tobytes() for shape in shapes.values()}) > 1
+
+
+def test_a_blob_lies_where_the_truth_does() -> None:
+    true = (small_data.box(3) @ np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0] + 0.1).astype(np.float32)
+    found = blob(true, seed=0)
+    assert found.shape == true.shape
+    assert found.dtype == np.float32
+    assert found.mean(axis=0) == pytest.approx(true.mean(axis=0), abs=0.02)
+    assert np.cov(found.T) == pytest.approx(np.cov(true.T), abs=0.01)
+    whitened = (found - true.mean(axis=0)) @ np.linalg.inv(np.linalg.cholesky(np.cov(true.T))).T
+    assert np.linalg.norm(whitened, axis=1) == pytest.approx(np.sqrt(3), rel=1e-3)  # a surface, nothing inside
+
+
+def test_a_flat_truth_has_a_flat_blob() -> None:
+    true = small_data.box(3) * np.array([1, 0, 1], np.float32)
+    assert np.abs(blob(true, seed=0)[:, 1]).max() < 1e-6
 
 
 def test_retrieval_finds_the_object_of_a_training_image(data: Path, training: Training) -> None:

@@ -77,7 +77,7 @@ def test_methods_that_were_trained_alike_are_set_against_hof(root: Path) -> None
 def test_the_raw_metrics_are_behind_it(root: Path) -> None:
     record = Record.read(root / "model/results/tiny-k2.json")
     assert record.ids == ("object03", "object04")
-    assert len(record.evaluations) == 5 + 2 + 5 + 4  # conditions, other counts; retrieval, other references
+    assert len(record.evaluations) == 5 + 2 + 5 + 5  # conditions, other counts; retrieval, other references
     assert len(record.made["digest"]) == 64
 
 
