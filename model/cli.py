@@ -127,6 +127,7 @@ def _add_train(stage: argparse.ArgumentParser) -> None:
     stage.add_argument("--pretrained-rate", type=float, default=0.3, help="share of it that pretrained layers have")
     stage.add_argument("--projection", type=float, default=0.0, help="lambda of the projection regularisation")
     stage.add_argument("--variants", action="store_true", help="train on the stretched shapes too")
+    stage.add_argument("--own-share", type=float, default=0.0, help="of an object's draws, set aside for its own shape")
     stage.add_argument("--made", action="store_true", help="train on the furniture made by rule too")
     stage.add_argument(
         "--late-from",
@@ -172,6 +173,7 @@ def _train(arguments: argparse.Namespace) -> None:
         late_points=arguments.late_points,
         late_target_points=arguments.late_target_points,
         variants=arguments.variants,
+        own_share=arguments.own_share,
         made=arguments.made,
         start=str(arguments.start) if arguments.start else None,
     )

@@ -46,6 +46,7 @@ class TrainConfig:
     late_from : share of the budget after which `late_chamfer` takes the place of the squared loss, on
         `late_points` and `late_target_points`; 1 is never.
     variants : draw from the stretched shapes too, not from the data set's own alone.
+    own_share : of an object's draws, set aside for its own shape; the rest is from all views, its variants' included.
     made : draw from the furniture made by rule too.
     pretrained_rate : share of the learning rate that a pretrained trunk has.
     start : checkpoint or exported encoder whose weights the run starts from: for another spec those of its trunk, for
@@ -71,6 +72,7 @@ class TrainConfig:
     late_points: int = 1_536
     late_target_points: int = 10_000
     variants: bool = False
+    own_share: float = 0.0
     made: bool = False
     start: str | None = None
 

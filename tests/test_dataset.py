@@ -63,6 +63,19 @@ def test_shapes_come_as_often_as_they_have_views(examples: Examples) -> None:
     assert float(stretched.float().mean()) == pytest.approx(12 / 16, abs=0.07)
 
 
+def test_a_share_is_set_aside_for_an_objects_own_shape(examples: Examples) -> None:
+    """Of its two own shapes 0.6 and what falls to them of the rest; pieces made by rule have no own shape."""
+    found = [[own, replace(own, points=own.points + 1), *[other] * 3] for own, other in examples.shapes]
+    config = replace(CONFIG, batch=80 * OBJECTS, own_share=0.6)
+    for drawn_from, share in (
+        (replace(examples, shapes=found), 0.6 + 0.4 * 8 / 44),
+        (replace(examples, shapes=[], made=found), 8 / 44),
+    ):
+        own = (draw_batch(drawn_from, config, 0).points[:, :, 1] < 1).all(dim=1)
+        second = (draw_batch(drawn_from, config, 0).points[:, :, 2] >= 1).all(dim=1)
+        assert float((own | second).float().mean()) == pytest.approx(share, abs=0.07)
+
+
 def test_an_image_and_its_points_are_of_one_object_and_mirrored_together(examples: Examples) -> None:
     config = replace(CONFIG, batch=200)
     batch = draw_batch(examples, config, 0)

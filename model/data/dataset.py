@@ -25,6 +25,7 @@ Floats = npt.NDArray[np.float32]
 
 VISIBLE: Final = 0.005  # of a view's pixels: a flat object seen from its edge shows nothing, and is left out
 MADE_A_DRAW: Final = 20  # pieces that share an object's turn: 9,000 of them are four tenths of the batches
+OWN: Final = 2  # an object's first shapes: as the data set was built, and under free cameras
 MIRROR: Final = np.array([-1, 1, 1], np.float32)  # left and right exchanged, object frame
 
 
@@ -112,14 +113,18 @@ def draw_batch(examples: Examples, config: TrainConfig, step: int, light: Light 
     """The batch of a step: a function of (seed, step) alone, so that a resumed run sees the same data.
 
     Each object, and each group of made pieces, comes as one of all its views, those of its variants included, and
-    half of them mirrored: an image flipped left to right shows the shape with x negated.
+    half of them mirrored: an image flipped left to right shows the shape with x negated. Of an object's draws
+    `config.own_share` are set aside for the object itself.
     """
     rng = np.random.default_rng([config.seed, step])
     mirrored = rng.random(config.batch) < 0.5
     crops, points, colours = [], [], []
     drawn_from = [*examples.shapes, *examples.made]
     for number, turned in zip(_epoch_slice(len(drawn_from), config, step), mirrored, strict=True):
-        shape, view = _any_view(drawn_from[number], rng)
+        shapes = drawn_from[number]
+        if number < len(examples.shapes) and rng.random() < config.own_share:
+            shapes = shapes[:OWN]
+        shape, view = _any_view(shapes, rng)
         drawn = rng.permutation(len(shape.points))[: config.target_points]
         chosen = shape.points[drawn]
         crops.append(shape.crops[view])
