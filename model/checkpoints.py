@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from pickle import UnpicklingError
 from typing import Any, Final
 
 import numpy as np
@@ -32,26 +33,26 @@ def chosen_checkpoint(run: Path) -> Path:
 def load_network(checkpoint: Path) -> tuple[nn.Module, TrainConfig, dict[str, Any]]:
     """The averaged network of a checkpoint in evaluation mode, its config, and `step` and `elapsed_s`.
 
-    These two count what the runs before it took that it started from. A checkpoint of version 0.1 has no
-    average: its weights are taken as they are. An ONNX file of `model.export` is a checkpoint too, its
-    matrices rounded to float16.
+    These two count what the runs before it took that it started from. An ONNX file of `model.export` is a checkpoint
+    too, its matrices rounded to float16.
 
     Raises
     ------
     FileNotFoundError : no such checkpoint.
     InvalidModel : an ONNX file that is no image encoder.
-    ValueError : one whose card does not tell its config, or that holds not all weights by name.
+    ValueError : no checkpoint, or an ONNX file whose card does not tell its config, or that holds not all weights by
+        name.
     """
     if checkpoint.suffix == ".onnx":
         return _exported(checkpoint)
-    saved = torch.load(checkpoint, weights_only=True)
-    config = TrainConfig.from_dict(saved["config"])
+    try:
+        saved = torch.load(checkpoint, weights_only=True)
+        config, weights = TrainConfig.from_dict(saved["config"]), saved["average"]
+    except (UnpicklingError, RuntimeError, KeyError, TypeError, EOFError) as error:
+        raise ValueError(f"{checkpoint} is no checkpoint of `hof-model train`: {error!r}") from None
     network = make_network(config)
-    if "average" in saved:
-        network.load_state_dict(saved["average"])
-    else:
-        network.load_state_dict({f"encoder.{name}": value for name, value in saved["encoder"].items()})
-    before = saved.get("before", {"step": 0, "elapsed_s": 0.0})
+    network.load_state_dict(weights)
+    before = saved.get("before", {"step": 0, "elapsed_s": 0.0})  # a blend has none
     return network.eval(), config, {key: before[key] + saved[key] for key in ("step", "elapsed_s")}
 
 

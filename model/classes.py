@@ -20,7 +20,7 @@ RULES: Final[tuple[tuple[str, str, str], ...]] = (
     ("chair", r"\w*chair|stool|class seat|lounge", "wheelchair"),
     ("shelf", "bookcase|shelves", ""),
     ("table", "tables?|desk|workbench|island extension", "fan|bat"),
-    ("sanitary", "toilets? unit|toilets unit|urinal|bidet|bath|bathtub|jacuzzi|washbasin|basin|lavatory|sink", ""),
+    ("sanitary", "toilets? unit|urinal|bidet|bath|bathtub|jacuzzi|washbasin|basin|lavatory|sink", ""),
     ("appliance", "oven|stove|cooker|cooktop|fridge|refrigerator|freezer|microwave|washing machine|hood", ""),
     ("appliance", "radiator|boiler|water heater|air conditioning|furnace|toaster|blender|mixer", ""),
     (

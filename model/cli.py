@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -141,7 +142,8 @@ def _add_train(stage: argparse.ArgumentParser) -> None:
 
 def _train(arguments: argparse.Namespace) -> None:
     from model.config import DENSE, LITE0, TrainConfig
-    from model.train import plot_losses, train
+    from model.log import plot_losses
+    from model.train import train
     from service.images import Framing
     from service.mapping import DOMAIN_DIMS, HOF_1, HOF_3, Domain
 
@@ -202,6 +204,10 @@ def _evaluate(arguments: argparse.Namespace) -> None:
     from model.tables import card_table
     from service.encoder import Encoder
 
+    if arguments.folder and (arguments.ceiling or arguments.picture):
+        raise ValueError("--ceiling and --picture are of an exported model: leave out --run")
+    if arguments.photographs and not arguments.folder:
+        raise ValueError("--photographs goes with --run; `hof-model results` does it for exported models")
     of = (arguments.data, arguments.split, arguments.seed)
     if arguments.folder:
         name = arguments.output.stem if arguments.output else arguments.folder.name
@@ -236,19 +242,23 @@ def _export(arguments: argparse.Namespace) -> None:
     from model.comparison import encoder_record, references
     from model.data.manifest import Manifest
     from model.export import export
+    from model.files import whole_file
     from service.encoder import Encoder
 
     trained, config, run = load_encoder(chosen_checkpoint(arguments.folder))
     color, coloured = load(arguments.folder, trained, config.spec) or (None, None)
     output: Path = arguments.output
     card = make_card(output.stem, config, run, Manifest.read(arguments.data), coloured)
-    for what, difference in export(trained, config, card, output, color).items():
-        print(f"{what}: {difference:.1e}")
-    measured = encoder_record(Encoder.open(output, threads=1), arguments.data, "test", arguments.seed).evaluations
+    with tempfile.TemporaryDirectory() as folder:
+        unmeasured = Path(folder) / output.name
+        for what, difference in export(trained, config, card, unmeasured, color).items():
+            print(f"{what}: {difference:.1e}")
+        encoder = Encoder.open(unmeasured, threads=1)
+        measured = encoder_record(encoder, arguments.data, "test", arguments.seed).evaluations
     card["figures"] = figures([*measured, *references(arguments.data, "test", arguments.seed)])
     export(trained, config, card, output, color)
-    card_page = page(card, config.spec.size, output.stat().st_size)
-    output.with_suffix(".md").write_text(card_page, encoding="utf-8")
+    with whole_file(output.with_suffix(".md")) as file:
+        file.write(page(card, config.spec.size, output.stat().st_size).encode())
     print(f"{output}: {output.stat().st_size:,} bytes")
 
 

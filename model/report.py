@@ -11,7 +11,7 @@ from model.classes import class_of
 from model.color_figures import color_record, color_section
 from model.comparison import BLOB, COUNTS, ORACLE, RETRIEVAL, encoder_record, references
 from model.data.manifest import Split
-from model.evaluate import POINTS, VIEWS, Evaluation, cases
+from model.evaluate import POINTS, VIEWS, Case, Evaluation, cases
 from model.perturb import CONDITIONS, FREE_VIEWS
 from model.records import Decoder, Record
 from model.retrain import COMPARED
@@ -67,15 +67,16 @@ def report(models: Sequence[Path], data: Path, split: Split, root: Path, seed: i
     encoder = Encoder.open(model, threads=1)
     shipped = Shipped(encoder.name, encoder.digest, model.stat().st_size, encoder_ms(model.read_bytes()))
     folder = root / FOLDER
+    objects = list(cases(data, split))
+    read_others(folder, encoder.name, split, objects)
     ours = encoder_record(encoder, data, split, seed, CONDITIONS, COUNTS)
     ours = replace(ours, evaluations=(*ours.evaluations, *references(data, split, seed, CONDITIONS)))
     ours.write(folder / f"{encoder.name}.json")
     for other in (Encoder.open(path, threads=1) for path in beside):
         encoder_record(other, data, split, seed).write(folder / f"{other.name}.json")
-    objects = list(cases(data, split))
     first_objects(encoder, objects).quantize().save(folder / f"{encoder.name}.png", optimize=True)
     everyday_objects(encoder, objects).quantize().save(folder / f"{encoder.name}-everyday.png", optimize=True)
-    others = read_others(folder, ours)
+    others = read_others(folder, encoder.name, split, objects)
     color = color_record(encoder, data, split, seed) if encoder.color_spec else None
     if color:
         color.write(folder / "color" / f"{encoder.name}.json")
@@ -88,22 +89,26 @@ def report(models: Sequence[Path], data: Path, split: Split, root: Path, seed: i
     return asked
 
 
-def read_others(folder: Path, ours: Record) -> list[Record]:
-    """The records of other methods, by name of their files.
+def read_others(folder: Path, ours: str, split: Split, objects: Sequence[Case]) -> list[Record]:
+    """The records of methods other than `ours`, by name of their files.
 
     Raises
     ------
-    ValueError : a record is of other objects than ours.
+    ValueError : a record is of other objects than these.
     """
+    ids = tuple(case.entry.id for case in objects)
     found = []
     for path in sorted(set(folder.glob("*.json")) - {folder / surfaces.FILE}):
         if path.name.startswith(mixture_report.PREFIX):
             continue
         record = Record.read(path)
-        if record.method == ours.method:
+        if record.method == ours:
             continue
-        if (record.split, record.ids) != (ours.split, ours.ids):
-            raise ValueError(f"{path} is of other objects: evaluate it again with `hof-model evaluate -o`")
+        if (record.split, record.ids) != (split, ids):
+            raise ValueError(
+                f"{path} is of other objects than the {split} split here: build the data set that it was measured on, "
+                "or measure it again with `hof-model evaluate -o`"
+            )
         found.append(record)
     return found
 

@@ -1,13 +1,12 @@
 """Train g_phi end to end through f_theta, or a method it is compared with: one run, one folder, resumable."""
 
 import copy
-import json
 import os
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TextIO
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +21,7 @@ from model.checkpoints import chosen_checkpoint, load_network
 from model.config import TrainConfig
 from model.data.dataset import Batch, Examples, draw_batch, load_examples, plain_images
 from model.files import whole_file
+from model.log import cut_log, log_line
 from model.losses import chamfer, late_chamfer, projection
 from model.memory import keep_freed_memory
 from model.metrics import compare
@@ -48,10 +48,12 @@ def train(data: Path, run: Path, config: TrainConfig) -> Path:
     Raises
     ------
     FileNotFoundError : `data` holds no finished data set, or `config.start` is no file.
-    ValueError : `config.start` holds another kind of network.
+    ValueError : no budget, or `config.start` holds another kind of network or none.
     """
+    if (config.minutes if config.steps is None else config.steps) <= 0:
+        raise ValueError("the budget, minutes or steps, must be above 0")
     run.mkdir(parents=True, exist_ok=True)
-    state = _State.resume(run) if (run / "last.pt").exists() else _State.begin(config)
+    state = _State.resume(run, config) if (run / "last.pt").exists() else _State.begin(config)
     examples = load_examples(data, "train", state.config.framing, state.config.variants, state.config.made)
     validation = load_examples(data, "val", state.config.framing, variants=False)
     keep_freed_memory()  # not before: what loading frees lies scattered, and steps in it take a fifth longer
@@ -70,11 +72,11 @@ def train(data: Path, run: Path, config: TrainConfig) -> Path:
             losses.append(_step(state, batch, progress, threads))
             state.elapsed_s = time.monotonic() - started
             if state.step % LOG_EVERY == 0:
-                _log(log, bar, state, {"loss": sum(losses) / len(losses)})
+                _tell(log, bar, state, {"loss": sum(losses) / len(losses)})
                 losses.clear()
             if time.monotonic() - saved > CHECKPOINT_EVERY_S or state.progress >= 1:
                 figures = validate(state.average, state.config, validation)
-                _log(log, bar, state, figures)
+                _tell(log, bar, state, figures)
                 state.save(run, figures["f@1%"] + figures["f@2%"])
                 saved = time.monotonic()
     return chosen_checkpoint(run)
@@ -127,17 +129,18 @@ class _State:
         return state
 
     @classmethod
-    def resume(cls, run: Path) -> "_State":
-        """A run as its last checkpoint left it."""
+    def resume(cls, run: Path, asked: TrainConfig) -> "_State":
+        """A run as its last checkpoint left it, its log too; says so where its config is not what is `asked`."""
         saved = torch.load(run / "last.pt", weights_only=True)
-        if "average" not in saved:
-            raise ValueError(f"{run} holds a run of an older version: start from its last.pt in another folder")
         state = cls(TrainConfig.from_dict(saved["config"]))
         state.network.load_state_dict(saved["network"])
         state.average.load_state_dict(saved["average"])
         state.optimizer.load_state_dict(saved["optimizer"])
         for key in ("step", "elapsed_s", "before", "best"):
             setattr(state, key, saved[key])
+        if asked != state.config:
+            tqdm.write(f"{run} goes on from step {state.step} with the options that it was begun with")
+        cut_log(run / "log.jsonl", state.step)
         return state
 
     def save(self, run: Path, score: float) -> None:
@@ -248,11 +251,11 @@ def schedule(progress: float) -> float:
 
 @torch.no_grad()
 def validate(network: nn.Module, config: TrainConfig, validation: Examples) -> dict[str, float]:
-    """Mean over the validation objects and VALIDATION_VIEWS, on white: `val`, the loss; `f@1%`, `f@2%`."""
+    """Mean over the validation objects and VALIDATION_VIEWS, on white: `val`, cd_sq / 100; `f@1%`, `f@2%`."""
     canonical = torch.from_numpy(canonical_points(config.spec.domain, VALIDATION_POINTS, config.seed))
     found = []
     for view in VALIDATION_VIEWS:
-        crops, points = validation.front(view)
+        crops, points = validation.built(view)
         for start in range(0, len(crops), config.batch):
             images = plain_images(crops[start : start + config.batch], config.framing.size)
             images = images.contiguous(memory_format=torch.channels_last)
@@ -263,29 +266,7 @@ def validate(network: nn.Module, config: TrainConfig, validation: Examples) -> d
     return {"val": means.pop("cd_sq") / 100, **means}
 
 
-def _log(log: Any, bar: Any, state: _State, figures: dict[str, float]) -> None:  # noqa: ANN401
-    log.write(json.dumps({"step": state.step, "elapsed_s": round(state.elapsed_s, 1), **figures}) + "\n")
-    log.flush()
+def _tell(log: TextIO, bar: Any, state: _State, figures: dict[str, float]) -> None:  # noqa: ANN401
+    log_line(log, state.step, state.elapsed_s, figures)
     bar.set_postfix({"step": state.step, **{key: f"{value:.4f}" for key, value in figures.items()}}, refresh=False)
     bar.update(min(1_000, round(1_000 * state.progress)) - bar.n)
-
-
-def plot_losses(run: Path, output: Path) -> None:
-    """Draw a run's training and validation loss over steps, from its log.
-
-    Raises
-    ------
-    FileNotFoundError : the run has no log.
-    """
-    import matplotlib.pyplot as plt
-
-    records = [json.loads(line) for line in (run / "log.jsonl").read_text(encoding="utf-8").splitlines()]
-    figure, axes = plt.subplots(figsize=(7, 4))
-    for key in ("loss", "val"):
-        chosen = [record for record in records if key in record]
-        axes.plot([record["step"] for record in chosen], [record[key] for record in chosen], label=key)
-    axes.set(xlabel="step", ylabel="symmetric Chamfer (squared)", yscale="log")
-    axes.legend()
-    figure.tight_layout()
-    figure.savefig(output, dpi=120)
-    plt.close(figure)

@@ -138,6 +138,38 @@ def test_splits_are_disjoint_seeded_and_of_the_right_sizes() -> None:
     assert splits != assign_splits(ids, seed=4)
 
 
+def test_what_has_a_split_keeps_it() -> None:
+    before = assign_splits([f"object {index}" for index in range(100)], seed=0)
+    splits = assign_splits([f"object {index}" for index in range(3, 150)], seed=0, known=before)
+    assert {id_: split for id_, split in splits.items() if id_ in before} == {
+        id_: split for id_, split in before.items() if id_ in splits
+    }
+    fresh = [split for id_, split in splits.items() if id_ not in before]
+    assert {split: fresh.count(split) for split in ("train", "val", "test")} == {"train": 40, "val": 5, "test": 5}
+
+
+def test_a_folder_that_grows_is_split_as_before_and_keeps_its_seed(tmp_path: Path) -> None:
+    meshes, out = write_folder(tmp_path / "meshes"), tmp_path / "data"
+    extra = next(path for path in sorted(meshes.rglob("*.*")) if path.name == "shape01.ply")
+    waiting = extra.rename(tmp_path / "shape01.ply")
+    first = build(folder_records(meshes), out, seed=0, processes=2, frozen={"meshes/round/shape00": "test"})
+    waiting.rename(extra)
+    grown = build(folder_records(meshes), out, seed=0, processes=2)
+    before, after = ({entry.id: entry.split for entry in each.entries} for each in (first, grown))
+    assert before["meshes/round/shape00"] == "test"
+    assert len(after) == len(before) + 1
+    assert after.items() >= before.items()
+    with pytest.raises(ValueError, match="was built with seed 0: build with seed 1 in another folder"):
+        build(folder_records(meshes), out, seed=1, processes=1)
+
+
+def test_meshes_of_one_name_are_refused(tmp_path: Path) -> None:
+    for name in ("chair.obj", "chair.ply"):
+        trimesh.creation.box().export(tmp_path / name)
+    with pytest.raises(ValueError, match=r"have one name, .*__chair: rename one of them"):
+        build(folder_records(tmp_path), tmp_path / "data", seed=0, processes=1)
+
+
 def test_build_reports_bad_meshes_resumes_and_previews(tmp_path: Path) -> None:
     meshes = write_folder(tmp_path / "meshes")
     (meshes / "round" / "broken.obj").write_text("this is no mesh")

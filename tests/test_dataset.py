@@ -133,12 +133,10 @@ def write(path: Path, views: int, level: int) -> None:
 def test_a_split_is_loaded_and_framed(folder: Path) -> None:
     train = load_examples(folder, "train", CONFIG.framing)
     assert [one.id for one in train.entries] == ["s/0", "s/1"]
-    images, points = train.front(5)
+    images, points = train.built(5)
     assert images.shape == (2, 32, 32, 4)
     assert images[1, 16, 16].tolist() == [20, 30, 30, 255]  # what stood at the left is in the middle
     assert (points == np.arange(2)[:, None, None]).all()
-    with pytest.raises(IndexError):
-        train.free(0)
 
 
 def test_variants_are_loaded_where_asked_for(folder: Path) -> None:
@@ -149,6 +147,10 @@ def test_variants_are_loaded_where_asked_for(folder: Path) -> None:
     train = load_examples(folder, "train", CONFIG.framing, variants=True)
     assert [[len(shape.crops) for shape in shapes] for shapes in train.shapes] == [[24, 3, 3, 3], [24, 3]]
     assert [shape.points[0, 0] for shape in train.shapes[0]] == [0, 3, 4, 5]
-    images, points = load_examples(folder, "val", CONFIG.framing, variants=True).free(2)
-    assert images[0, 16, 16].tolist() == [60, 30, 30, 255]
-    assert (points == 3).all()
+    (_, free), *_ = load_examples(folder, "val", CONFIG.framing, variants=True).shapes
+    assert free.crops[2, 16, 16].tolist() == [60, 30, 30, 255]
+    assert (free.points == 3).all()
+    for name in ("0__1", "0__2"):
+        (folder / "variants" / f"{name}.npz").unlink()
+    with pytest.raises(FileNotFoundError, match="holds no stretched shapes: run `hof-model data vary"):
+        load_examples(folder, "train", CONFIG.framing, variants=True)

@@ -9,9 +9,13 @@ import trimesh
 from PIL import Image
 from shapes import SHAPES, write_folder
 
+from model.cli import ROOT, SHIPPED
 from model.data.meshes import MeshRecord, folder_records, load_parts
 from model.data.photographs import FOLDER, photograph_files
-from model.data.sweethome3d import CATALOGUE, parse_catalogue, sh3f_files, sh3f_records
+from model.data.sweethome3d import CATALOGUE, frozen_split, parse_catalogue, sh3f_files, sh3f_records
+from model.records import Record
+from model.report import FOLDER as FIGURES
+from service.encoder import Encoder
 
 PROPERTIES = """# comment
 id=SweetHome3D#Test
@@ -72,6 +76,15 @@ def test_sh3f_files_takes_a_folder_or_a_file_and_refuses_nothing(library: Path, 
     empty.mkdir()
     with pytest.raises(FileNotFoundError, match=r"no \.sh3f file"):
         sh3f_files(empty, tmp_path)
+
+
+def test_the_frozen_split_has_the_objects_that_the_shipped_figures_are_of() -> None:
+    frozen = frozen_split()
+    sizes = [list(frozen.values()).count(split) for split in ("train", "val", "test")]
+    card = Encoder.open(SHIPPED, threads=1).card["data"]["objects"]
+    assert sizes == [card[split] for split in ("train", "val", "test")]
+    record = Record.read(ROOT / FIGURES / "hof1-k2.json")
+    assert set(record.ids) == {id_ for id_, split in frozen.items() if split == "test"}
 
 
 def test_a_file_that_is_no_deb_is_reported_with_the_command(tmp_path: Path) -> None:

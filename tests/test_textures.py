@@ -25,7 +25,7 @@ def noise(side: int, seed: int) -> Image.Image:
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A data set of two objects, one of the training split, one of the test split, each with images beside its mesh."""
+    """Objects of the training and the test split, images beside them: each in a folder of its own, and both in one."""
     root = tmp_path_factory.mktemp("textures")
     entries = []
     for seed, split in enumerate[Split](("train", "test")):
@@ -34,6 +34,12 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
         trimesh.creation.box().export(place / "mesh.ply")
         noise(400, seed).save(place / "large.PNG")
         entries.append(Entry(f"meshes/{split}/mesh", "Box", "meshes", split, "", "CC0", "", "", split))
+    for index, split in enumerate[Split](("train", "test")):  # in one folder: whose is the image?
+        place = root / "meshes" / "both"
+        place.mkdir(exist_ok=True)
+        trimesh.creation.box().export(place / f"{split}.ply")
+        noise(400, 7 + index).save(place / f"{split}.png")
+        entries.append(Entry(f"meshes/both/{split}", "Box", "meshes", split, "", "CC0", "", "", split))
     place = root / "meshes/train"
     noise(400, 0).save(place / "the same again.png")
     noise(SIDES[0] - 1, 2).save(place / "small.png")

@@ -11,6 +11,7 @@ from PIL import Image, ImageFilter
 from shapes import write_folder
 
 from model import cli
+from model.data import variants
 from model.data.build import build
 from model.data.manifest import SIZE, Manifest, variant_file, variant_files
 from model.data.meshes import MeshRecord, folder_records, load_parts
@@ -196,7 +197,15 @@ def test_variants_past_the_stretched_ones_are_warped(records: list[MeshRecord], 
         assert not np.allclose(np.ptp(arrays["points"], axis=0), np.ptp(base["points"], axis=0), atol=0.02)
 
 
-def test_variants_past_the_warped_ones_have_other_textures(records: list[MeshRecord], tmp_path: Path) -> None:
+def test_variants_past_the_warped_ones_need_textures(records: list[MeshRecord], tmp_path: Path) -> None:
+    build(records, tmp_path, seed=0, processes=1)
+    with pytest.raises(FileNotFoundError, match="holds no textures: run `hof-model data textures` first"):
+        vary(records, tmp_path, WARPED + 1, views=1, processes=1)
+
+
+def test_variants_past_the_warped_ones_have_other_textures(
+    records: list[MeshRecord], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     build(records, tmp_path, seed=0, processes=1)
     entry = next(iter(Manifest.read(tmp_path).of("train")))
     record = next(record for record in records if record.id == entry.id)
@@ -205,12 +214,13 @@ def test_variants_past_the_warped_ones_have_other_textures(records: list[MeshRec
     Image.fromarray(checks).convert("RGB").save(tmp_path / "textures/checks.jpg")
     numbers = range(WARPED, WARPED + 7)
     written, differences = [], []
-    for name, textures in (("plain", []), ("textured", texture_files(tmp_path))):
+    for name in ("textured", "plain"):
         (tmp_path / name).mkdir()
         targets = {number: tmp_path / name / f"{number}.npz" for number in numbers}
-        render_variants(VariantsJob(record, tmp_path / entry.file, targets, True, textures, 1, seed=0))
+        render_variants(VariantsJob(record, tmp_path / entry.file, targets, True, texture_files(tmp_path), 1, seed=0))
+        monkeypatch.setattr(variants, "redress", lambda *_: None)
         written.append([dict(np.load(target)) for target in targets.values()])
-    for plain, textured in zip(*written, strict=True):
+    for textured, plain in zip(*written, strict=True):
         assert (plain["points"] == textured["points"]).all()
         assert (plain["views"][..., 3] == textured["views"][..., 3]).all()
         differences.append(float(np.abs(plain["views"].astype(float) - textured["views"]).mean()))

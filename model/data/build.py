@@ -1,7 +1,7 @@
 """Build a data set: render every mesh, drop duplicates, split, write the manifest."""
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -10,7 +10,7 @@ import numpy as np
 from tqdm import tqdm
 
 from model.data.dedupe import duplicates
-from model.data.manifest import Entry, Manifest, assign_splits
+from model.data.manifest import Entry, Manifest, Split, assign_splits
 from model.data.meshes import MeshRecord
 from model.data.render import render
 from model.data.workers import run_told
@@ -28,20 +28,29 @@ class RenderJob:
     seed: int
 
 
-def build(records: Iterable[MeshRecord], out: Path, seed: int, processes: int) -> Manifest:
+def build(
+    records: Iterable[MeshRecord], out: Path, seed: int, processes: int, frozen: Mapping[str, Split] | None = None
+) -> Manifest:
     """Render what is not rendered yet, then write `out/manifest.json` and return it.
 
     A mesh that cannot be read or crashes its worker is reported in `failures` and left out. Running it
-    again goes on where it stopped.
+    again goes on where it stopped. Objects stay in the split that they were in before, or that `frozen` tells (id ->
+    split): models may have been trained on them.
+
+    Raises
+    ------
+    ValueError : two meshes have one name, or `out` was built with another seed.
     """
     (out / OBJECTS).mkdir(parents=True, exist_ok=True)
+    known = {**_before(out, seed), **(frozen or {})}
     jobs = [RenderJob(record, out / object_file(record.id), seed) for record in records]
+    _check_names(jobs)
     missing = [job for job in jobs if not job.target.exists()]
     failures = run_told(render_to_file, missing, lambda job: job.record.id, processes, "render", "mesh")
     done = {job.record.id: job for job in jobs if job.target.exists()}
     clouds = {id_: np.load(job.target)["points"] for id_, job in tqdm(done.items(), desc="read", unit="object")}
     repeats = duplicates(clouds)
-    splits = assign_splits([id_ for id_ in done if id_ not in repeats], seed)
+    splits = assign_splits([id_ for id_ in done if id_ not in repeats], seed, known)
     entries = tuple(
         Entry(
             id=id_,
@@ -59,6 +68,24 @@ def build(records: Iterable[MeshRecord], out: Path, seed: int, processes: int) -
     manifest = Manifest(seed, entries, repeats, failures)
     manifest.write(out / "manifest.json")
     return manifest
+
+
+def _before(out: Path, seed: int) -> dict[str, Split]:
+    """The splits of an earlier build in the same folder."""
+    if not (out / "manifest.json").exists():
+        return {}
+    manifest = Manifest.read(out)
+    if manifest.seed != seed:
+        raise ValueError(f"{out} was built with seed {manifest.seed}: build with seed {seed} in another folder")
+    return {entry.id: entry.split for entry in manifest.entries}
+
+
+def _check_names(jobs: list[RenderJob]) -> None:
+    meshes: dict[Path, Path] = {}
+    for job in jobs:
+        other = meshes.setdefault(job.target, job.record.path)
+        if other != job.record.path:
+            raise ValueError(f"{other} and {job.record.path} have one name, {job.target.stem}: rename one of them")
 
 
 def object_file(id_: str) -> str:

@@ -59,17 +59,10 @@ class Examples:
     photographs: tuple[Path, ...]
     made: list[list[Shape]] = field(default_factory=list)
 
-    def front(self, view: int) -> tuple[Bytes, Floats]:
-        """View `view` of every object as the data set was built: crops (objects, S, S, 4), points
-        (objects, 10000, 3)."""
-        return self._of(0, view)
-
-    def free(self, view: int) -> tuple[Bytes, Floats]:
-        """As `front`, but under free cameras. Raises IndexError where no variants were loaded."""
-        return self._of(1, view)
-
-    def _of(self, shape: int, view: int) -> tuple[Bytes, Floats]:
-        chosen = [shapes[shape] for shapes in self.shapes]
+    def built(self, view: int) -> tuple[Bytes, Floats]:
+        """View `view`, of those that show something, of every object as the data set was built: crops
+        (objects, S, S, 4), points (objects, 10000, 3)."""
+        chosen = [own for own, *_ in self.shapes]
         return np.stack([one.crops[view] for one in chosen]), np.stack([one.points for one in chosen])
 
 
@@ -79,11 +72,14 @@ def load_examples(folder: Path, split: Split, framing: Framing, variants: bool =
 
     Raises
     ------
-    FileNotFoundError : `folder` holds no finished data set, or no variants or made furniture where asked for.
+    FileNotFoundError : `folder` holds no finished data set, no variants, stretched ones of the training split
+        among them, or no made furniture where asked for.
     """
     entries = list(Manifest.read(folder).of(split))
     large = Framing(framing.size * oversize(framing.size), framing.foreground_ratio)
     files = [[folder / entry.file, *(variant_files(folder, entry) if variants else [])] for entry in entries]
+    if variants and split == "train" and not any(len(of_object) > OWN for of_object in files):
+        raise FileNotFoundError(f"{folder} holds no stretched shapes: run `hof-model data vary --data {folder}` first")
     pieces = made_files(folder) if made else []
     files += [pieces[start : start + MADE_A_DRAW] for start in range(0, len(pieces), MADE_A_DRAW)]
     with ThreadPoolExecutor(os.cpu_count()) as threads:

@@ -24,14 +24,19 @@ def download(package: str, work: Path) -> Path:
 
 
 def unpack(deb: Path, target: Path) -> None:
-    """Unpack a `.deb` below `target`.
+    """Unpack a `.deb` as `target`, whole or not at all, unless it is there.
 
     Raises
     ------
     FileNotFoundError : dpkg-deb is missing, or the file is no package.
     """
-    target.mkdir(parents=True, exist_ok=True)
-    _run(["dpkg-deb", "-x", str(deb.resolve()), str(target.resolve())], target)
+    if target.is_dir():
+        return
+    part = target.with_name(target.name + ".part")
+    shutil.rmtree(part, ignore_errors=True)  # of one that was stopped
+    part.mkdir(parents=True)
+    _run(["dpkg-deb", "-x", str(deb.resolve()), str(part.resolve())], part)
+    part.rename(target)
 
 
 def _run(command: list[str], folder: Path) -> None:

@@ -1,7 +1,7 @@
 """The manifest: which objects the data set holds, where each comes from, and in which split it is."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final, Literal
@@ -21,7 +21,7 @@ MADE: Final = "made"  # of what `hof-model data make` writes
 
 @dataclass(frozen=True)
 class Entry:
-    """One object. `mesh_sha256` is of the mesh file; `file` is relative to the data set's folder."""
+    """One object. `mesh_sha256` tells which file the mesh was; `file` is relative to the data set's folder."""
 
     id: str
     name: str
@@ -101,11 +101,13 @@ def made_files(folder: Path) -> list[Path]:
     return files
 
 
-def assign_splits(ids: list[str], seed: int) -> dict[str, Split]:
-    """Split ids 80/10/10 at random, by seed: independent of the order of `ids`."""
-    shuffled: npt.NDArray[np.str_] = np.random.default_rng(seed).permutation(sorted(ids))
-    held = {split: round(share * len(ids)) for split, share in zip(SPLITS, SHARES, strict=True)}
-    splits = {}
+def assign_splits(ids: list[str], seed: int, known: Mapping[str, Split] | None = None) -> dict[str, Split]:
+    """The splits of ids: those that are `known` as they are, the others 80/10/10 at random, by seed, in whatever order
+    `ids` come."""
+    splits = {id_: split for id_, split in (known or {}).items() if id_ in set(ids)}
+    fresh = sorted(set(ids) - set(splits))
+    shuffled: npt.NDArray[np.str_] = np.random.default_rng(seed).permutation(fresh)
+    held = {split: round(share * len(fresh)) for split, share in zip(SPLITS, SHARES, strict=True)}
     for position, id_ in enumerate(shuffled.tolist()):
         held_out: Split = "train"
         if position < held["val"]:

@@ -69,7 +69,7 @@ def stool(rng: Rng) -> list[Solid]:
 
 
 def bed(rng: Rng) -> list[Solid]:
-    """A bed for one or two, a bunk, or a crib."""
+    """A bed for one or two, or a bunk."""
     width, length = rng.uniform(0.8, 2.0), rng.uniform(1.8, 2.2)
     solids = _berth(rng, width, length, 0.0)
     if width < 1.1 and rng.random() < 0.3:

@@ -20,7 +20,7 @@ def add_stages(data: "argparse._SubParsersAction[argparse.ArgumentParser]") -> N
     build.add_argument("--meshes", type=Path, help="a folder of OBJ/GLB/PLY/STL/OFF instead of Sweet Home 3D")
     build.add_argument("--licence", default="unknown", help="licence of --meshes, written to the manifest")
     build.add_argument("--limit", type=int, help="only the first LIMIT meshes")
-    build.add_argument("--seed", type=int, default=0)
+    build.add_argument("--seed", type=int, default=0, help="of cameras, and of the split of what has none yet")
     build.add_argument("--processes", type=int, default=os.cpu_count() or 1)
     vary = data.add_parser("vary", help="render free cameras and other shapes of a built data set")
     vary.set_defaults(run=_vary)
@@ -33,7 +33,7 @@ def add_stages(data: "argparse._SubParsersAction[argparse.ArgumentParser]") -> N
     )
     vary.add_argument("--views", type=int, default=12, help="per shape")
     vary.add_argument("--processes", type=int, default=os.cpu_count() or 1)
-    textures = data.add_parser("textures", help="keep the training objects' textures, for what `make` makes")
+    textures = data.add_parser("textures", help="keep the training objects' textures, for `vary` and `make`")
     textures.set_defaults(run=_textures)
     _add_source(textures)
     make = data.add_parser("make", help="make furniture and other things by rule, for training only")
@@ -63,9 +63,11 @@ def _add_source(stage: argparse.ArgumentParser) -> None:
 
 def _build(arguments: argparse.Namespace) -> None:
     from model.data.build import build
+    from model.data.sweethome3d import frozen_split
 
     records = _records(arguments, arguments.out)
-    manifest = build(records[: arguments.limit], arguments.out, arguments.seed, arguments.processes)
+    frozen = {} if arguments.meshes else frozen_split()
+    manifest = build(records[: arguments.limit], arguments.out, arguments.seed, arguments.processes, frozen)
     sizes = {split: sum(1 for _ in manifest.of(split)) for split in ("train", "val", "test")}
     print(f"{sizes}, {len(manifest.duplicates)} duplicates, {len(manifest.failures)} failures: {arguments.out}")
 

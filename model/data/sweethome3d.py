@@ -5,6 +5,7 @@ catalogue (`PluginFurnitureCatalog.properties`) and the models. Nothing is insta
 downloaded and unpacked.
 """
 
+import json
 import re
 import zipfile
 from collections.abc import Iterator
@@ -12,9 +13,11 @@ from pathlib import Path
 from typing import Final
 
 from model.data.debian import download, unpack
+from model.data.manifest import Split
 from model.data.meshes import MeshRecord
 
 PACKAGE: Final = "sweethome3d-furniture"
+FROZEN: Final = Path(__file__).with_name("sweethome3d-split.json")
 CATALOGUE: Final = "PluginFurnitureCatalog.properties"
 _ENTRY: Final = re.compile(r"(\w+)#(\d+)\s*[=:]\s*(.*)")
 _ESCAPE: Final = re.compile(r"\\u([0-9a-fA-F]{4})|\\(.)")
@@ -33,13 +36,20 @@ def sh3f_files(source: Path | None, work: Path) -> list[Path]:
     FileNotFoundError : there is none, or the tools to get them are missing.
     """
     if source is None or source.suffix == ".deb":
-        deb, source = source or download(PACKAGE, work), work / "deb"
-        if not any(source.rglob("*.sh3f")):
-            unpack(deb, source)
+        deb = source or download(PACKAGE, work)
+        source = work / deb.stem
+        unpack(deb, source)
     found = sorted(source.rglob("*.sh3f")) if source.is_dir() else [source]
     if not found or not all(path.is_file() for path in found):
         raise FileNotFoundError(f"no .sh3f file in {source}")
     return found
+
+
+def frozen_split() -> dict[str, Split]:
+    """id -> split of the objects that are no duplicates, as the first build had them: what all figures and shipped
+    models of this project are of, whatever a later build finds."""
+    ids: dict[Split, list[str]] = json.loads(FROZEN.read_text(encoding="utf-8"))
+    return {id_: split for split, of_split in ids.items() for id_ in of_split}
 
 
 def sh3f_records(sh3f: Path, work: Path) -> Iterator[MeshRecord]:

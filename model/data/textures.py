@@ -29,12 +29,17 @@ PRINT_SIDE: Final = 96  # pixels
 def gather_textures(records: Iterable[MeshRecord], folder: Path) -> list[Path]:
     """Keep the images beside the training split's meshes small, below the data set's folder; each once.
 
+    Where a mesh of another split lies in the same folder, none of that folder's: they may be its own.
+
     Raises
     ------
     FileNotFoundError : `folder` holds no finished data set.
     """
     train = {entry.id for entry in Manifest.read(folder).of("train")}
-    beside = {record.path.parent for record in records if record.id in train}
+    folders: dict[bool, set[Path]] = {True: set(), False: set()}
+    for record in records:
+        folders[record.id in train].add(record.path.parent)
+    beside = folders[True] - folders[False]
     (folder / FOLDER).mkdir(exist_ok=True)
     for path in sorted(path for place in beside for path in place.iterdir() if path.suffix.lower() in SUFFIXES):
         target = folder / FOLDER / f"{hashlib.sha256(path.read_bytes()).hexdigest()[:16]}.jpg"

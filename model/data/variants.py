@@ -66,12 +66,12 @@ def vary(records: Iterable[MeshRecord], folder: Path, variants: int, views: int,
 
     Variant 0 is the object as it is under free cameras; of the training split alone, 1 to STRETCHED are
     stretched, those up to WARPED warped, and those up to `variants` warped with textures of other training
-    objects, where `hof-model data textures` has kept any. Each is a function of (the manifest's seed, id, number).
+    objects. Each is a function of (the manifest's seed, id, number).
     Running it again goes on where it stopped.
 
     Raises
     ------
-    FileNotFoundError : `folder` holds no finished data set.
+    FileNotFoundError : `folder` holds no finished data set, or no textures for variants above WARPED.
     ValueError : the records lack an object of the manifest.
     """
     manifest = Manifest.read(folder)
@@ -80,6 +80,10 @@ def vary(records: Iterable[MeshRecord], folder: Path, variants: int, views: int,
         raise ValueError(f"the source lacks {len(lacking)} objects of the manifest, {lacking[0]} among them")
     (folder / VARIANTS).mkdir(exist_ok=True)
     textures = texture_files(folder)
+    if variants > WARPED and not textures:
+        raise FileNotFoundError(
+            f"{folder} holds no textures: run `hof-model data textures` first, or ask for --variants {WARPED}"
+        )
     jobs = []
     for entry in manifest.entries:
         train = entry.split == "train"
@@ -113,7 +117,7 @@ def render_variants(job: VariantsJob) -> None:
 def _warped(parts: list[trimesh.Trimesh], job: VariantsJob, number: int, rng: np.random.Generator) -> Variant:
     moved, scale = warped(parts, rng), np.ones(3)
     points = scaled_points(moved, scale, rng)
-    if number > WARPED and job.textures:
+    if number > WARPED:
         redress(moved, job.textures, rng.spawn(1)[0])  # the cameras stay what they are
     with closing(stage(moved, multisampling=False)) as plotter:
         return _shot(plotter, scale, points, job, rng)
