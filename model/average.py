@@ -30,7 +30,8 @@ def update_average(average: nn.Module, network: nn.Module, step: int) -> None:
 def blend(run: Path, later: Path, share: float, out: Path) -> Path:
     """Write `out/best.pt`, the mean of two runs' chosen checkpoints, `share` of it the later one's; return its path.
 
-    Of a run and one that started from it, the mean may be better than both (Wortsman et al. 2022, model soups).
+    Of a run and one that started from it, the mean may be better than both (Wortsman et al. 2022, model soups). Either
+    may be an exported model instead.
 
     Raises
     ------
@@ -39,8 +40,9 @@ def blend(run: Path, later: Path, share: float, out: Path) -> Path:
     """
     if not 0 <= share <= 1:
         raise ValueError(f"share is {share}, it must be from 0 to 1")
-    first, config, _ = load_network(chosen_checkpoint(run))
-    second, later_config, spent = load_network(chosen_checkpoint(later))
+    (first, config, _), (second, later_config, spent) = (
+        load_network(each if each.is_file() else chosen_checkpoint(each)) for each in (run, later)
+    )
     for what in ("spec", "encoder", "framing", "method"):
         if getattr(config, what) != getattr(later_config, what):
             raise ValueError(f"{run} and {later} differ in their {what}")

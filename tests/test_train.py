@@ -152,6 +152,12 @@ def test_a_blend_of_two_runs_lies_between_them(run: Path, data: Path, tmp_path: 
             torch.testing.assert_close(weight, between, msg=name)
 
 
+def test_an_exported_model_is_blended_too(run: Path, exported: Path, tmp_path: Path) -> None:
+    assert cli.main(["blend", str(exported), str(run), "--share", "0", "-o", str(tmp_path)]) == 0
+    blended, weights = (dict(load_network(file)[0].named_parameters()) for file in (tmp_path / "best.pt", exported))
+    assert all(torch.equal(weight, weights[name]) for name, weight in blended.items())
+
+
 def test_runs_of_different_networks_are_not_blended(
     run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -273,21 +279,6 @@ def test_a_prediction_is_what_the_service_would_answer(exported: Path) -> None:
     assert points.shape == (500, 3)
     moved = np.roll(view, (5, 3), axis=(0, 1))
     assert predict(encoder, moved, 500) == pytest.approx(points)  # framing undoes a shift
-
-
-@pytest.fixture
-def _in_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-
-
-@pytest.mark.usefixtures("_in_empty_folder")
-@pytest.mark.parametrize("stage", ["train", "evaluate", "results", "export", "data preview"])
-def test_a_stage_without_its_input_says_so(stage: str, capsys: pytest.CaptureFixture[str]) -> None:
-    missing = ["--model", "none.onnx"] if stage in ("evaluate", "results") else []
-    assert cli.main([*stage.split(), *missing]) == 2
-    message = capsys.readouterr().err
-    assert message.startswith("hof-model: ")
-    assert len(message.splitlines()) == 1
 
 
 def test_a_compared_method_takes_its_steps_and_enters_the_tables(
