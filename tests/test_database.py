@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 from postgres import Postgres
+from small_store import NOW
 from sqlalchemy import Connection
-from test_store import NOW
 
 from service.database import SQLITE_CONNECTIONS, connect
 from service.mapping import HOF_1, Functions, initial_theta

@@ -1,0 +1,25 @@
+"""What the tests of the store share."""
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from datetime import UTC, datetime
+
+from service.mapping import MappingSpec, initial_theta
+from service.store import Record, Store
+
+SPEC = MappingSpec("tiny", 3, (4,), 3, k=2)
+NOW = datetime(2026, 1, 2, 3, 4, 5, 678901, UTC)
+THETA = initial_theta(SPEC)
+
+
+def encoded_record(name: str, spec: MappingSpec = SPEC) -> Record:
+    return Record(name, "encoded", "tiny-k2", spec, NOW)
+
+
+@asynccontextmanager
+async def open_store(url: str) -> AsyncIterator[Store]:
+    store = await Store.open(url)
+    try:
+        yield store
+    finally:
+        await store.close()
