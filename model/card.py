@@ -8,6 +8,7 @@ from model.data.sweethome3d import frozen_split
 from model.evaluate import Evaluation
 from model.metrics import NAMES, interval
 from model.provenance import provenance
+from model.tables import table
 
 TRUNKS = {
     "dense": "the paper's DenseNet, trained from scratch",
@@ -85,10 +86,7 @@ def page(card: dict[str, Any], parameters: int, bytes_: int) -> str:
     coloured = (
         f"a head on the frozen encoder, {color['images']:,} images, {color['minutes']} minutes" if color else "none"
     )
-    shown = "\n".join(
-        f"| {method} | " + " | ".join(f"{values[name][0]:.3f}" for name in NAMES) + " |"
-        for method, values in card["figures"].items()
-    )
+    means = [[method, *(f"{values[name][0]:.3f}" for name in NAMES)] for method, values in card["figures"].items()]
     return f"""# Model card: {card["name"]}
 
 Written by `hof-model export` from the file's own metadata. `GET /model` serves the same.
@@ -110,9 +108,7 @@ Written by `hof-model export` from the file's own metadata. `GET /model` serves 
 Mean over objects; distances x100 of the longest side; 10,000 predicted against 10,000 true points, 4 of 24 views.
 Intervals and pictures: `RESULTS.md` at the top of the project.
 
-| method | {" | ".join(NAMES)} |
-|---|{"---|" * len(NAMES)}
-{shown}
+{table(["method", *NAMES], means)}
 
 ## Limits
 

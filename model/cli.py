@@ -6,10 +6,13 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from model.data.stages import DATA, add_stages
 from service.errors import HofError
+
+if TYPE_CHECKING:
+    from service.mapping import MappingSpec
 
 RUN: Final = Path("runs/hof1-k2")
 SHIPPED: Final = Path(__file__).resolve().parent / "weights" / "hof1-k2.onnx"
@@ -140,16 +143,13 @@ def _add_train(stage: argparse.ArgumentParser) -> None:
     stage.add_argument("--late-target-points", type=int, default=10_000, help="true points likewise")
 
 
-def _train(arguments: argparse.Namespace) -> None:
-    from model.config import DENSE, LITE0, TrainConfig
-    from model.log import plot_losses
-    from model.train import train
-    from service.images import Framing
+def _spec(arguments: argparse.Namespace) -> "MappingSpec":
+    """The mapping function that the options of `train` ask for."""
     from service.mapping import DOMAIN_DIMS, HOF_1, HOF_3, Domain
 
     known = {"HOF-1": HOF_1, "HOF-3": HOF_3}[arguments.mapping]
     domain: Domain = arguments.domain or ("cube" if arguments.method == "foldingnet" else "ball")
-    spec = replace(
+    return replace(
         known,
         name="-".join(["MLP", *map(str, arguments.hidden)]) if arguments.hidden else known.name,
         hidden=tuple(arguments.hidden or known.hidden),
@@ -158,9 +158,17 @@ def _train(arguments: argparse.Namespace) -> None:
         domain=domain,
         k=arguments.k,
     )
+
+
+def _train(arguments: argparse.Namespace) -> None:
+    from model.config import DENSE, LITE0, TrainConfig
+    from model.log import plot_losses
+    from model.train import train
+    from service.images import Framing
+
     encoder, framing = {"dense": (DENSE, Framing()), "lite0": (LITE0, Framing(128))}[arguments.trunk]
     config = TrainConfig(
-        spec=spec,
+        spec=_spec(arguments),
         encoder=replace(encoder, rank=arguments.rank),
         framing=framing,
         seed=arguments.seed,

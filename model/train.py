@@ -3,6 +3,7 @@
 import copy
 import os
 import time
+from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -65,7 +66,7 @@ def train(data: Path, run: Path, config: TrainConfig) -> Path:
     ):
         started, saved = time.monotonic() - state.elapsed_s, time.monotonic()
         coming = loader.submit(draw_batch, examples, _sizes(state.config, state.progress), state.step)
-        losses: list[float] = []
+        losses: deque[float] = deque(maxlen=LOG_EVERY)
         while state.progress < 1:
             batch, progress = coming.result(), state.progress
             coming = loader.submit(draw_batch, examples, _sizes(state.config, progress), state.step + 1)
@@ -73,7 +74,6 @@ def train(data: Path, run: Path, config: TrainConfig) -> Path:
             state.elapsed_s = time.monotonic() - started
             if state.step % LOG_EVERY == 0:
                 _tell(log, bar, state, {"loss": sum(losses) / len(losses)})
-                losses.clear()
             if time.monotonic() - saved > CHECKPOINT_EVERY_S or state.progress >= 1:
                 figures = validate(state.average, state.config, validation)
                 _tell(log, bar, state, figures)
