@@ -12,22 +12,21 @@ from pathlib import Path
 
 import pytest
 from postgres import Postgres
-from small_store import NOW
+from small_store import NOW, open_store
 from sqlalchemy import Connection
 
 from service.database import SQLITE_CONNECTIONS, connect
 from service.mapping import HOF_1, Functions, initial_theta
-from service.store import Record, Store
+from service.store import Record
 
 
 async def _put(url: str, count: int) -> list[bool]:
     """Put objects at once and read them at once; which of them are new."""
-    store = await Store.open(url)
     records = [Record(f"object{number % 7}", "encoded", "m", HOF_1, NOW) for number in range(count)]
     functions = Functions(initial_theta(HOF_1))
-    new = [new for _, new in await asyncio.gather(*[store.put(record, functions) for record in records])]
-    await asyncio.gather(*[store.get(record.id) for record in records])
-    await store.close()
+    async with open_store(url) as store:
+        new = [new for _, new in await asyncio.gather(*[store.put(record, functions) for record in records])]
+        await asyncio.gather(*[store.get(record.id) for record in records])
     return new
 
 

@@ -10,12 +10,12 @@ from alembic.autogenerate import compare_metadata
 from alembic.runtime.migration import MigrationContext
 from conftest import EVERY_DATABASE
 from postgres import Postgres
+from small_store import open_store
 from sqlalchemy import Connection, make_url
 
 from service.database import METADATA, connect
 from service.errors import UnusableStore
 from service.mapping import MappingSpec, initial_theta
-from service.store import Store
 
 pytestmark = EVERY_DATABASE
 
@@ -79,14 +79,13 @@ def test_a_database_of_the_first_release_is_migrated_and_its_objects_answer(
     assert _revision(database_url, request) == HEAD
 
     async def scenario() -> None:
-        store = await Store.open(database_url)
-        records, _ = await store.page(9)
-        assert [record.kind for record in records] == ["interpolated", "composed", "imported", "imported"]
-        word = [initial_theta(SPEC, seed) for seed in (1, 2)]
-        np.testing.assert_array_equal((await store.get(records[1].id))[1].theta, word)
-        np.testing.assert_allclose((await store.get(records[0].id))[1].theta, np.mean(word, axis=0), rtol=1e-6)
-        assert records[1].members == (records[3].id, records[2].id)
-        await store.close()
+        async with open_store(database_url) as store:
+            records, _ = await store.page(9)
+            assert [record.kind for record in records] == ["interpolated", "composed", "imported", "imported"]
+            word = [initial_theta(SPEC, seed) for seed in (1, 2)]
+            np.testing.assert_array_equal((await store.get(records[1].id))[1].theta, word)
+            np.testing.assert_allclose((await store.get(records[0].id))[1].theta, np.mean(word, axis=0), rtol=1e-6)
+            assert records[1].members == (records[3].id, records[2].id)
 
     asyncio.run(scenario())
 
