@@ -22,7 +22,7 @@ from benchmarks.processes import is_ready, killable
 from benchmarks.report import Asked
 from service.formats.weights import Weights, dump
 from service.ids import composed_id
-from service.mapping import MappingSpec, initial_theta
+from service.mapping.spec import MappingSpec, initial_theta
 
 SPEC: Final = MappingSpec("small", 3, (64,), 3, k=2)
 WRITERS: Final = 4

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from service.mapping import Array, MappingSpec, layers
+from service.mapping.spec import Array, MappingSpec, layers
 
 
 @dataclass(frozen=True)

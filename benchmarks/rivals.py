@@ -13,7 +13,7 @@ import torch
 from onnx import TensorProto, helper, numpy_helper
 
 from benchmarks.networks import Network
-from service.mapping import Array
+from service.mapping.spec import Array
 
 Evaluate = Callable[[Array], Array]
 Make = Callable[[Network, int], Evaluate]

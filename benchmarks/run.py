@@ -19,10 +19,10 @@ from benchmarks.networks import Network, deepsdf, foldingnet, mapping_network
 from benchmarks.report import Asked, Report, draw_runtime
 from benchmarks.rivals import RIVALS, Evaluate, Make, numpy_tiles
 from benchmarks.timing import TILES, Seconds, best_tile, in_turn, pin, ratio, seconds
-from service import folding, kernel
-from service.canonical import canonical_points
-from service.mapping import HOF_1, HOF_3, MappingSpec, initial_theta
-from service.sampler import CHUNK, sample
+from service.mapping import compiled, folding
+from service.mapping.canonical import canonical_points
+from service.mapping.sampler import CHUNK, sample
+from service.mapping.spec import HOF_1, HOF_3, MappingSpec, initial_theta
 
 FOLDER: Final = Path(__file__).resolve().parent
 SPECS: Final = (HOF_1, HOF_1.with_k(2), HOF_3)
@@ -56,7 +56,7 @@ def main() -> int:
 def ours(spec: MappingSpec, *, fast: bool, folded: bool = True) -> Callable[[int], None]:
     """Our sampler as users call it: n -> all points drawn, mapped and dropped."""
     theta = initial_theta(spec)
-    compiled = kernel.load() if fast else None
+    compiled = compiled.load() if fast else None
     begin = folding.FROM if folded else sys.maxsize
 
     def run(n: int) -> None:

@@ -12,8 +12,8 @@ import numpy as np
 from benchmarks.processes import hof, others, reset_peak, serving, status_bytes
 from benchmarks.timing import Seconds, seconds
 from service.formats.weights import Weights, dump
-from service.mapping import HOF_1, initial_theta
-from service.sampler import sample
+from service.mapping.sampler import sample
+from service.mapping.spec import HOF_1, initial_theta
 
 SPEC: Final = HOF_1.with_k(2)
 LARGE: Final = 10_000_000

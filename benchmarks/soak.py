@@ -23,7 +23,7 @@ from benchmarks.processes import SERVER_CORE, hof, others, pin_to, serving, stat
 from benchmarks.report import Asked, asked_table
 from model.provenance import provenance
 from service.formats.weights import Weights, dump
-from service.mapping import HOF_1, initial_theta
+from service.mapping.spec import HOF_1, initial_theta
 from service.settings import MIB
 
 CLIENTS: Final = 8

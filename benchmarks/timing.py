@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from benchmarks.networks import Network
 from benchmarks.rivals import Evaluate, Make
-from service.mapping import Array
+from service.mapping.spec import Array
 
 TILES: Final = (128, 256, 512, 1024, 4096, 16_384)
 SEARCH_FLOPS: Final = 4e9  # of one timed run of the search

@@ -9,8 +9,8 @@ from tqdm import tqdm
 
 from model.losses import chamfer
 from model.networks import power
-from service.canonical import canonical_points
-from service.mapping import MappingSpec, initial_theta
+from service.mapping.canonical import canonical_points
+from service.mapping.spec import MappingSpec, initial_theta
 
 Floats = npt.NDArray[np.float32]
 

@@ -15,8 +15,8 @@ from torch import nn
 from model.baselines import Hof, make_network
 from model.config import TrainConfig
 from model.networks import ImageEncoder
-from service.canonical import canonical_points
 from service.encoder import Encoder
+from service.mapping.canonical import canonical_points
 
 Floats = npt.NDArray[np.float32]
 Predictor = Callable[[Floats, int, int], Floats]

@@ -12,7 +12,7 @@ from model.data.stages import DATA, add_stages
 from service.errors import HofError
 
 if TYPE_CHECKING:
-    from service.mapping import MappingSpec
+    from service.mapping.spec import MappingSpec
 
 RUN: Final = Path("runs/hof1-k2")
 SHIPPED: Final = Path(__file__).resolve().parent / "weights" / "hof1-k2.onnx"
@@ -145,7 +145,7 @@ def _add_train(stage: argparse.ArgumentParser) -> None:
 
 def _spec(arguments: argparse.Namespace) -> "MappingSpec":
     """The mapping function that the options of `train` ask for."""
-    from service.mapping import DOMAIN_DIMS, HOF_1, HOF_3, Domain
+    from service.mapping.spec import DOMAIN_DIMS, HOF_1, HOF_3, Domain
 
     known = {"HOF-1": HOF_1, "HOF-3": HOF_3}[arguments.mapping]
     domain: Domain = arguments.domain or ("cube" if arguments.method == "foldingnet" else "ball")

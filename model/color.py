@@ -15,7 +15,7 @@ from torch import Tensor, nn
 
 from model.files import whole_file
 from model.networks import ImageEncoder, ThetaHead
-from service.mapping import MappingSpec
+from service.mapping.spec import MappingSpec
 
 FILE: Final = "color.pt"  # in the folder of the run that it belongs to
 HIDDEN: Final = 256  # units of f_color

@@ -22,9 +22,9 @@ from model.provenance import provenance
 from model.records import Record
 from model.reference import Retrieval, Training
 from model.tables import find, spread, table
-from service.color import ColorSampler
 from service.encoder import Encoder
 from service.images import decode, frame, over_white
+from service.mapping.color import ColorSampler
 
 Floats = npt.NDArray[np.float32]
 Bytes = npt.NDArray[np.uint8]

@@ -1,7 +1,7 @@
 """Measure answers on a split, along the path that a user's bytes take.
 
 Each view becomes a PNG; `service.images` decodes and frames it, `service.encoder` runs the ONNX file,
-`service.sampler` draws the points. Objects are measured in threads; every figure is a mean over an
+`service.mapping.sampler` draws the points. Objects are measured in threads; every figure is a mean over an
 object's views.
 """
 
@@ -21,8 +21,8 @@ from model.metrics import NAMES, compare
 from model.perturb import Condition, condition_views, png
 from service.encoder import Encoder
 from service.images import preprocess
-from service.mapping import Functions, MappingSpec, word_of
-from service.sampler import Sampler
+from service.mapping.sampler import Sampler
+from service.mapping.spec import Functions, MappingSpec, word_of
 
 Floats = npt.NDArray[np.float32]
 Values = npt.NDArray[np.float64]

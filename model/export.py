@@ -22,9 +22,9 @@ from model.config import TrainConfig
 from model.files import whole_file
 from model.networks import ImageEncoder, power
 from service import mapping
-from service.canonical import canonical_points
 from service.encoder import FORMAT, Encoder
-from service.sampler import Sampler
+from service.mapping.canonical import canonical_points
+from service.mapping.sampler import Sampler
 
 OPSET: Final = 17
 TOLERANCE: Final = 1e-4  # on theta and points, absolute

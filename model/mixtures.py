@@ -24,8 +24,8 @@ from model.perturb import png
 from model.provenance import provenance
 from model.reference import Training
 from service.encoder import Encoder
-from service.mapping import MappingSpec
-from service.sampler import Sampler
+from service.mapping.sampler import Sampler
+from service.mapping.spec import MappingSpec
 from service.sheet import rows_of_words, sheet
 
 Floats = npt.NDArray[np.float32]

@@ -8,7 +8,7 @@ from torch import Tensor, nn
 from model import fused
 from model.config import EncoderConfig
 from model.trunk import ImageTrunk
-from service.mapping import MappingSpec, initial_theta
+from service.mapping.spec import MappingSpec, initial_theta
 
 HEAD_SCALE: Final = 0.2  # of theta_0: how far objects differ at the start; exactly zero stalls
 

@@ -8,7 +8,7 @@ from model.comparison import run_record
 from model.config import TrainConfig
 from model.data.manifest import Split
 from model.train import train
-from service.mapping import HOF_1, HOF_3
+from service.mapping.spec import HOF_1, HOF_3
 
 RUNS: Final = Path("runs/compared")
 SAME: Final = TrainConfig(variants=True, late_from=0.5, late_points=1_024, late_target_points=4_000)

@@ -28,9 +28,9 @@ from model.perturb import png
 from model.provenance import provenance
 from model.tables import table
 from service.encoder import Encoder
-from service.mapping import word_of
-from service.sampler import Sampler
-from service.surface import shells, surface_of
+from service.mapping.sampler import Sampler
+from service.mapping.spec import word_of
+from service.mapping.surface import shells, surface_of
 
 Floats = npt.NDArray[np.float32]
 Indices = npt.NDArray[np.integer[Any]]

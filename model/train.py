@@ -27,7 +27,7 @@ from model.losses import chamfer, late_chamfer, projection
 from model.memory import keep_freed_memory
 from model.metrics import compare
 from model.pretrained import Lite0, load_imagenet
-from service.canonical import canonical_points
+from service.mapping.canonical import canonical_points
 
 CHECKPOINT_EVERY_S: Final = 600.0
 LOG_EVERY: Final = 50  # steps

@@ -25,7 +25,7 @@ from model.nearest import nearest
 from model.networks import ImageEncoder, power
 from model.provenance import provenance
 from model.train import schedule
-from service.mapping import MappingSpec
+from service.mapping.spec import MappingSpec
 
 POINTS: Final = 256  # canonical, of each image
 TARGET_POINTS: Final = 4_000  # true ones, among which each of them finds the nearest

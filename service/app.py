@@ -13,12 +13,14 @@ from starlette.responses import Response
 from starlette.routing import Mount, Route
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from service import __version__, kernel, problems
+from service import __version__, problems
 from service.access import Access
 from service.clients import Patience
 from service.errors import InvalidParameter
 from service.headers import SecureHeaders, with_cors
 from service.images import ignore_remarks
+from service.mapping import compiled
+from service.mapping.sampler import hold_blas_to_one_thread
 from service.matting import Matting
 from service.metrics import Metrics
 from service.models import Models
@@ -26,7 +28,6 @@ from service.observing import Observed, Templates
 from service.openapi import openapi_text
 from service.routes import compose, encode, health, inference, mesh, metrics, objects, viewer
 from service.runtime import Runtime
-from service.sampler import hold_blas_to_one_thread
 from service.schemas import RETRY_AFTER, Problem
 from service.settings import Settings
 from service.store import Store
@@ -93,7 +94,7 @@ async def _lifespan(settings: Settings, app: FastAPI) -> AsyncIterator[None]:
         models = await asyncio.to_thread(Models.open, settings.model, settings.threads)
         await asyncio.to_thread(models.warm_up)
         matting = await asyncio.to_thread(Matting.of, settings.matting_model, settings.threads)
-        await asyncio.to_thread(kernel.load)
+        await asyncio.to_thread(compiled.load)
         hold_blas_to_one_thread()
         ignore_remarks()
         store = await Store.open(settings.database_url)

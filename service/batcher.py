@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from service.mapping import Array, Functions
+from service.mapping.spec import Array, Functions
 
 MAX_BATCH: Final = 8  # images of a call; benchmarks/LOAD.md has the gain by size
 

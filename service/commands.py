@@ -18,11 +18,11 @@ from service.formats import POINT_FORMATS, Format, PointFormat, write
 from service.formats.mesh import MESH_FORMATS
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
 from service.images import preprocess
-from service.mapping import Array, Functions, MappingSpec, joined
+from service.mapping.sampler import Sampler
+from service.mapping.spec import Array, Functions, MappingSpec, joined
 from service.matting import Matting
 from service.points import check_size
 from service.queries import EncodeQuery, MeshQuery, PointsQuery
-from service.sampler import Sampler
 from service.settings import POINTS_CEILING, Settings
 from service.sheet import MAX_POINTS, label, rows_of_words, sheet
 

@@ -14,7 +14,7 @@ import numpy as np
 from service.errors import CorruptWeights, InvalidParameter
 from service.formats.weights import MAX_LABEL
 from service.ids import composed_id, interpolated_id
-from service.mapping import Array, Color, Functions, MappingSpec, joined
+from service.mapping.spec import Array, Color, Functions, MappingSpec, joined
 from service.points import check_finite
 from service.store import Record
 

@@ -10,7 +10,7 @@ import onnxruntime as ort
 
 from service.errors import InvalidModel, InvalidSpec
 from service.images import Framing
-from service.mapping import Array, Color, Functions, MappingSpec, check_color_spec
+from service.mapping.spec import Array, Color, Functions, MappingSpec, check_color_spec
 
 FORMAT: Final = 1  # of the metadata; files of before it was written have none
 MAX_SIDE: Final = 4096  # of an encoder's input, pixels: far above any real one

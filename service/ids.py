@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from service.images import Mask
-from service.mapping import Array, Functions, MappingSpec
+from service.mapping.spec import Array, Functions, MappingSpec
 
 ID_DIGITS: Final = 32  # hexadecimal: 128 bits
 

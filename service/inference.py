@@ -16,7 +16,7 @@ from pydantic_core import from_json
 from service.batcher import MAX_BATCH
 from service.encoder import Encoder
 from service.errors import InvalidInput, InvalidParameter
-from service.mapping import Array, Functions
+from service.mapping.spec import Array, Functions
 from service.problems import field_errors
 
 EXTENSION: Final = "binary_tensor_data"

@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from service.mapping import Array, Colors
+from service.mapping.spec import Array, Colors
 
 Bytes = npt.NDArray[np.uint8]
 

@@ -10,12 +10,12 @@ from typing import Any, Final, TypeVar
 
 import numpy as np
 
-from service.canonical import Sampling, check_range
-from service.color import ColorSampler
 from service.errors import InvalidParameter
 from service.formats import Part, PointFormat
-from service.mapping import HOF_1, Array, Colors, Functions, MappingSpec, word_of
-from service.sampler import CHUNK, SCALES, Sampler
+from service.mapping.canonical import Sampling, check_range
+from service.mapping.color import ColorSampler
+from service.mapping.sampler import CHUNK, SCALES, Sampler
+from service.mapping.spec import HOF_1, Array, Colors, Functions, MappingSpec, word_of
 
 PROBE_POINTS: Final = 4096  # of a new object: that it can be sampled at all
 FIRST_PART: Final = CHUNK // 16  # points; few, so that the first byte comes soon

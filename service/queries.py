@@ -4,16 +4,16 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from service.canonical import Sampling
-from service.color import ColorSampler
 from service.composition import Mode
 from service.formats.weights import WeightFormatName
 from service.images import Background
-from service.mapping import MAX_K, Functions, MappingSpec, word_of
+from service.mapping.canonical import Sampling
+from service.mapping.color import ColorSampler
+from service.mapping.sampler import SCALES, Sampler
+from service.mapping.spec import MAX_K, Functions, MappingSpec, word_of
+from service.mapping.surface import RESOLUTION, RESOLUTIONS, Surface, surface_of
 from service.points import Cloud
-from service.sampler import SCALES, Sampler
 from service.settings import POINTS_CEILING
-from service.surface import RESOLUTION, RESOLUTIONS, Surface, surface_of
 
 PointFormatName = Literal["ply", "npy", "xyz", "json", "glb", "gltf", "pcd", "f32", "f16"]
 MeshFormatName = Literal["glb", "gltf", "obj", "stl", "ply"]

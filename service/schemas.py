@@ -12,7 +12,7 @@ from pydantic.json_schema import SkipJsonSchema
 
 from service.encoder import Encoder
 from service.images import Framed, Mask
-from service.mapping import CACHED_SPECS, Activation, Array, Domain, Functions, MappingSpec
+from service.mapping.spec import CACHED_SPECS, Activation, Array, Domain, Functions, MappingSpec
 from service.store import Kind, Record
 
 

@@ -5,7 +5,7 @@ from typing import Final
 
 from PIL import Image, ImageDraw, ImageFont
 
-from service.mapping import Array
+from service.mapping.spec import Array
 from service.picture import draw
 
 Cell = tuple[str, Array]  # label, points (n, 3)

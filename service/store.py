@@ -17,7 +17,7 @@ from sqlalchemy.exc import TimeoutError as PoolTimeout
 
 from service.database import Database, Work, connect, is_busy, is_full, objects, uses
 from service.errors import InUse, InvalidParameter, NotFound, Overloaded, StoreFull
-from service.mapping import CACHED_SPECS, Array, Color, Functions, MappingSpec, joined
+from service.mapping.spec import CACHED_SPECS, Array, Color, Functions, MappingSpec, joined
 
 R = TypeVar("R")
 Kind = Literal["encoded", "imported", "composed", "interpolated"]

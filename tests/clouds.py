@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from service.formats import POINT_FORMATS, Part, PointFormat, write
-from service.mapping import Array, Colors
+from service.mapping.spec import Array, Colors
 
 FORMATS = list(POINT_FORMATS.values())
 COLORED = [fmt.colored for fmt in FORMATS if fmt.colored]

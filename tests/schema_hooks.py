@@ -13,7 +13,7 @@ import tiny_model
 from conftest import disc, image_file
 
 from service.formats.weights import Weights, dump
-from service.mapping import initial_theta
+from service.mapping.spec import initial_theta
 
 MOST_POINTS = 1_000  # JSON holds no 10,000,000
 MOST_OFFSET = 2**31  # a Sobol sequence ends at 2^32

@@ -4,7 +4,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from datetime import UTC, datetime
 
-from service.mapping import MappingSpec, initial_theta
+from service.mapping.spec import MappingSpec, initial_theta
 from service.store import Record, Store
 
 SPEC = MappingSpec("tiny", 3, (4,), 3, k=2)

@@ -12,7 +12,7 @@ from torch import nn
 from model.baselines import DIRECT_POINTS, DeepSdf, FoldingNet, Lvc, make_network
 from model.config import Method, TrainConfig
 from service.images import Framing
-from service.mapping import HOF_1
+from service.mapping.spec import HOF_1
 
 CONFIG = TrainConfig(
     spec=replace(HOF_1, domain="cube"),

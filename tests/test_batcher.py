@@ -10,7 +10,7 @@ import pytest
 
 from service.batcher import MAX_BATCH, Batcher
 from service.encoder import Encoder
-from service.mapping import Array, Functions
+from service.mapping.spec import Array, Functions
 from service.settings import SHIPPED_MODEL
 
 SCHEDULES = 1_000

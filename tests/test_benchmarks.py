@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.networks import Network, deepsdf, foldingnet, mapping_network
 from benchmarks.rivals import RIVALS, Make, numpy_tiles
-from service.mapping import HOF_1, HOF_3, initial_theta, power
+from service.mapping.spec import HOF_1, HOF_3, initial_theta, power
 
 ROOT = Path(__file__).parents[1]
 RUN_TIMEOUT_S = 600

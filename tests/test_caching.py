@@ -5,7 +5,7 @@ import pytest
 
 from service.caching import CACHE_CONTROL, accepts_gzip, etag, is_fresh
 from service.formats import Part
-from service.mapping import Array
+from service.mapping.spec import Array
 from service.points import Cloud
 
 KINDS = ["points", "weights"]

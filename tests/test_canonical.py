@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from scipy import stats
 from scipy.stats import qmc
 
-from service.canonical import BLOCK, canonical_points
-from service.mapping import DOMAIN_DIMS, Domain
+from service.mapping.canonical import BLOCK, canonical_points
+from service.mapping.spec import DOMAIN_DIMS, Domain
 
 Values = npt.NDArray[np.floating[Any]]
 

@@ -16,7 +16,7 @@ from service.formats import POINT_FORMATS
 from service.formats.mesh import MESH_FORMATS
 from service.formats.weights import Weights, dump, load
 from service.keys import make_key
-from service.mapping import MappingSpec, initial_theta
+from service.mapping.spec import MappingSpec, initial_theta
 from service.settings import Settings
 
 

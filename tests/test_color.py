@@ -18,10 +18,10 @@ from conftest import disc, image_file
 from gltf_validator import check_valid
 
 from service import cli
-from service.canonical import canonical_points
 from service.formats import POINT_FORMATS
 from service.formats.weights import Weights, dump, load
-from service.mapping import Array, Color, Colors, MappingSpec, apply, initial_theta
+from service.mapping.canonical import canonical_points
+from service.mapping.spec import Array, Color, Colors, MappingSpec, apply, initial_theta
 from service.points import FIRST_PART
 
 N = FIRST_PART + 1000

@@ -16,8 +16,8 @@ from scipy.spatial import cKDTree
 from service import cli
 from service.formats.mesh import MESH_FORMATS
 from service.formats.weights import load
-from service.mapping import apply, compose, word_of
-from service.surface import shells
+from service.mapping.spec import apply, compose, word_of
+from service.mapping.surface import shells
 
 RESOLUTION = 16
 COLORED = [name for name, fmt in MESH_FORMATS.items() if fmt.holds_color]

@@ -20,9 +20,9 @@ from model.export import TOLERANCE, color_parity, export
 from model.networks import ImageEncoder, power
 from model.train import _State
 from model.train_color import Seen, _Learner, see
-from service.color import ColorSampler
 from service.encoder import Encoder
-from service.mapping import HOF_1, MappingSpec
+from service.mapping.color import ColorSampler
+from service.mapping.spec import HOF_1, MappingSpec
 
 CONFIG = replace(small_network.CONFIG, points=64, target_points=500)
 
@@ -130,7 +130,7 @@ def test_the_service_gives_the_colours_of_the_head(tmp_path: Path) -> None:
     images = torch.rand(1, 3, 32, 32)
     color = Encoder.open(tmp_path / "x.onnx", 1).encode(images.numpy())[0].color
     assert color is not None
-    from service.canonical import canonical_points
+    from service.mapping.canonical import canonical_points
 
     x = torch.from_numpy(canonical_points("ball", 300, 4))
     with torch.no_grad():

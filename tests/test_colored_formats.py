@@ -10,8 +10,8 @@ import pytest
 import trimesh
 from clouds import COLORED, FORMATS, TWO, Given, colored, colors_of, file_of
 
-from service.canonical import canonical_points
 from service.formats import POINT_FORMATS, write
+from service.mapping.canonical import canonical_points
 
 
 def test_colored_ply_bytes() -> None:

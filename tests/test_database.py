@@ -16,7 +16,7 @@ from small_store import NOW, open_store
 from sqlalchemy import Connection
 
 from service.database import SQLITE_CONNECTIONS, connect
-from service.mapping import HOF_1, Functions, initial_theta
+from service.mapping.spec import HOF_1, Functions, initial_theta
 from service.store import Record
 
 

@@ -17,7 +17,7 @@ from model.records import Record
 from model.train import _State
 from service.encoder import Encoder
 from service.images import Framing
-from service.mapping import MappingSpec
+from service.mapping.spec import MappingSpec
 
 
 @pytest.fixture(scope="module")

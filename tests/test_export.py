@@ -13,7 +13,7 @@ from model.checkpoints import load_encoder
 from model.export import TOLERANCE, export
 from model.networks import ImageEncoder
 from service.encoder import Encoder
-from service.mapping import MappingSpec
+from service.mapping.spec import MappingSpec
 
 
 @pytest.mark.parametrize("name", ["hof1-k2", "hof1-k4"])

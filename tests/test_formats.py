@@ -11,12 +11,12 @@ import trimesh
 from clouds import BINARY, EVERY, FORMATS, TEXT, TWO, Given, colored, colors_of, file_of, label
 from gltf_validator import check_valid, gltf_report
 
-from service.canonical import canonical_points
 from service.errors import InvalidParameter, NotAcceptable
 from service.formats import POINT_FORMATS, Part, PointFormat, negotiate, write
 from service.formats.raw import float32
-from service.mapping import Array
-from service.sampler import bounds
+from service.mapping.canonical import canonical_points
+from service.mapping.sampler import bounds
+from service.mapping.spec import Array
 
 
 def read(fmt: PointFormat, data: bytes) -> Array:

@@ -16,7 +16,7 @@ from postgres import Postgres
 
 from benchmarks.processes import Served, killable
 from service.formats.weights import Weights, dump
-from service.mapping import HOF_1, initial_theta
+from service.mapping.spec import HOF_1, initial_theta
 
 SPEC = HOF_1.with_k(2)
 NAMESPACE = ["unshare", "--mount"] if os.geteuid() == 0 else ["unshare", "--map-root-user", "--mount"]

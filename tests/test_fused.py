@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from model.fused import TILE, FusedLayers
-from service.mapping import HOF_1, HOF_3, MappingSpec
+from service.mapping.spec import HOF_1, HOF_3, MappingSpec
 
 Layers = Callable[..., Tensor]
 

@@ -19,7 +19,7 @@ from tritonclient.utils import InferenceServerException
 
 from service.batcher import MAX_BATCH
 from service.images import Framing, preprocess
-from service.mapping import Array
+from service.mapping.spec import Array
 from service.settings import Settings
 
 MODEL = "/v2/models/tiny-k2"

@@ -13,7 +13,7 @@ import pytest
 from benchmarks.kills import SPEC, Ledger, kill, lost, stop
 from benchmarks.processes import Served, is_ready, killable
 from service.formats.weights import Weights, dump
-from service.mapping import initial_theta
+from service.mapping.spec import initial_theta
 
 KILLS = 10
 POINTS = 4_000_000  # as f32 more than the sockets' buffers hold

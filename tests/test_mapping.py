@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from service.errors import InvalidSpec
-from service.mapping import (
+from service.mapping.spec import (
     DOMAIN_DIMS,
     HOF_1,
     HOF_3,

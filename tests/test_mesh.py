@@ -14,10 +14,10 @@ from gltf_validator import check_valid
 
 from service.formats.mesh import MESH_FORMATS
 from service.formats.weights import load
-from service.mapping import word_of
+from service.mapping.sampler import Sampler
+from service.mapping.spec import word_of
+from service.mapping.surface import RESOLUTIONS, surface_of
 from service.queries import MeshFormatName
-from service.sampler import Sampler
-from service.surface import RESOLUTIONS, surface_of
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from sqlalchemy import Connection, make_url
 
 from service.database import METADATA, connect
 from service.errors import UnusableStore
-from service.mapping import MappingSpec, initial_theta
+from service.mapping.spec import MappingSpec, initial_theta
 
 pytestmark = EVERY_DATABASE
 

@@ -19,8 +19,8 @@ from model.mixtures import AVERAGE, Mixtures, draw_pairs, mixed_words
 from model.perturb import png
 from service.encoder import Encoder
 from service.images import preprocess
-from service.mapping import Array, MappingSpec
-from service.sampler import Sampler
+from service.mapping.sampler import Sampler
+from service.mapping.spec import Array, MappingSpec
 
 POINTS = 2_000
 TRAIN, TEST = 3, 4

@@ -13,7 +13,7 @@ from conftest import running
 from service.encoder import Encoder
 from service.errors import InvalidModel
 from service.images import Framing, preprocess
-from service.mapping import MappingSpec
+from service.mapping.spec import MappingSpec
 from service.models import Models
 from service.settings import Settings
 

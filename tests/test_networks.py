@@ -10,8 +10,8 @@ from model.config import EncoderConfig, TrainConfig
 from model.metrics import compare, interval
 from model.networks import HEAD_SCALE, ImageEncoder, power
 from service import mapping
-from service.canonical import canonical_points
-from service.mapping import HOF_1, HOF_3, MappingSpec
+from service.mapping.canonical import canonical_points
+from service.mapping.spec import HOF_1, HOF_3, MappingSpec
 
 SPECS = [
     HOF_1,

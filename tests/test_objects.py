@@ -12,9 +12,9 @@ import pytest
 from conftest import disc, image_file, running
 from safetensors.numpy import load as load_safetensors
 
-from service.canonical import canonical_points
 from service.formats.weights import Weights, dump, load
-from service.mapping import MappingSpec, initial_theta
+from service.mapping.canonical import canonical_points
+from service.mapping.spec import MappingSpec, initial_theta
 from service.settings import Settings
 
 SPEC = MappingSpec("small", 3, (8, 8), 3, activation="tanh", k=3, domain="cube")

@@ -7,9 +7,9 @@ import pytest
 from onnx import numpy_helper
 
 from service import mapping
-from service.canonical import canonical_points
 from service.formats.onnx import dump
-from service.mapping import HOF_1, HOF_3, Array, MappingSpec, initial_theta
+from service.mapping.canonical import canonical_points
+from service.mapping.spec import HOF_1, HOF_3, Array, MappingSpec, initial_theta
 
 SPECS = [
     HOF_1.with_k(2),

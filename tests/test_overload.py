@@ -23,7 +23,7 @@ from service.admission import Gate
 from service.database import SQLITE_CONNECTIONS, OnThreads
 from service.errors import InvalidModel, InvalidParameter, Overloaded
 from service.formats.weights import Weights, dump
-from service.mapping import HOF_1, initial_theta
+from service.mapping.spec import HOF_1, initial_theta
 from service.points import FIRST_PART, PART, in_flight
 from service.settings import Settings
 

@@ -15,10 +15,10 @@ import trimesh
 from conftest import Server, check_refused, running
 
 from service import points as points_module
-from service.canonical import canonical_points
 from service.formats import POINT_FORMATS, Part
 from service.formats.weights import load
-from service.mapping import Array, Functions, MappingSpec, initial_theta, power
+from service.mapping.canonical import canonical_points
+from service.mapping.spec import Array, Functions, MappingSpec, initial_theta, power
 from service.points import FIRST_PART, PART, Cloud
 from service.queries import PointFormatName, PointsQuery
 from service.settings import Settings

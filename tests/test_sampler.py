@@ -1,4 +1,4 @@
-"""The sampler, on plain NumPy and on the compiled kernel."""
+"""The sampler, on plain NumPy and on the compiled compiled."""
 
 import tracemalloc
 from collections import deque
@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from service import kernel
-from service.canonical import BLOCK, canonical_points
 from service.errors import CorruptWeights, InvalidParameter, InvalidSpec
-from service.folding import CompiledFold, Fold, NumpyFold
-from service.mapping import HOF_1, HOF_3, Array, Domain, MappingSpec, apply, compose, initial_theta
-from service.sampler import CHUNK, bounds, sample
+from service.mapping import compiled
+from service.mapping.canonical import BLOCK, canonical_points
+from service.mapping.folding import CompiledFold, Fold, NumpyFold
+from service.mapping.sampler import CHUNK, bounds, sample
+from service.mapping.spec import HOF_1, HOF_3, Array, Domain, MappingSpec, apply, compose, initial_theta
 
 SMALL = MappingSpec("small", 3, (16,), 3)
 WIDE = MappingSpec("wide", 3, (256, 256), 3)
@@ -23,12 +23,12 @@ WIDE = MappingSpec("wide", 3, (256, 256), 3)
 
 @pytest.fixture(params=["numpy", "fast"], autouse=True, scope="module")
 def engine(request: pytest.FixtureRequest) -> Iterator[str]:
-    """Every test runs on plain NumPy and on the compiled kernel."""
+    """Every test runs on plain NumPy and on the compiled compiled."""
     with pytest.MonkeyPatch.context() as patch:
         if request.param == "numpy":
             patch.setattr(kernel, "load", lambda: None)
         else:
-            assert kernel.load() is not None, "numba is missing: the extra `fast` is a part of `dev`"
+            assert compiled.load() is not None, "numba is missing: the extra `fast` is a part of `dev`"
         yield request.param
 
 
@@ -115,7 +115,7 @@ def test_a_fold_is_exact_inside_its_box_and_whole_outside() -> None:
     fold = Fold(spec, theta, -box, box, 5)
     x = np.random.default_rng(0).uniform(-2, 2, (3, 5_000)).astype(np.float32)
     expected = apply(spec, theta, np.ascontiguousarray(x.T)).T
-    compiled = kernel.load()
+    compiled = compiled.load()
     evaluate = CompiledFold(fold, compiled) if compiled else NumpyFold(fold)
     np.testing.assert_allclose(evaluate.map(x), expected, atol=2e-6 * np.abs(expected).max())
     outside = (np.abs(x) > 1).any(axis=0)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from service.canonical import canonical_points
 from service.cli import main
 from service.formats.weights import Weights, dump
-from service.mapping import MappingSpec, compose, initial_theta
+from service.mapping.canonical import canonical_points
+from service.mapping.spec import MappingSpec, compose, initial_theta
 from service.picture import draw
 from service.sheet import CELL, LABEL, label, rows_of_words, sheet
 

@@ -12,7 +12,7 @@ from conftest import EVERY_DATABASE
 from small_store import SPEC, THETA, encoded_record, open_store
 
 from service.errors import InvalidParameter, NotFound
-from service.mapping import HOF_1, Functions, initial_theta
+from service.mapping.spec import HOF_1, Functions, initial_theta
 from service.store import Record
 
 pytestmark = EVERY_DATABASE

@@ -11,7 +11,7 @@ from conftest import EVERY_DATABASE
 from small_store import NOW, SPEC, THETA, encoded_record, open_store
 
 from service.errors import InUse, NotFound
-from service.mapping import Color, Functions, MappingSpec, initial_theta
+from service.mapping.spec import Color, Functions, MappingSpec, initial_theta
 from service.store import Record
 
 pytestmark = EVERY_DATABASE

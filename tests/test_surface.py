@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from service.mapping import Array, MappingSpec, initial_theta, power
-from service.sampler import SCALES, Sampler
-from service.surface import RESOLUTIONS, SHELLS, Surface, icosphere, shells, surface_of
+from service.mapping.sampler import SCALES, Sampler
+from service.mapping.spec import Array, MappingSpec, initial_theta, power
+from service.mapping.surface import RESOLUTIONS, SHELLS, Surface, icosphere, shells, surface_of
 
 SPHERE = MappingSpec("six", input_dim=3, hidden=(6,), output_dim=3, k=2, domain="sphere")
 

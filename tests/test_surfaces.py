@@ -11,8 +11,8 @@ from small_trials import trials
 
 from model import cli
 from model.surfaces import CLOUD, FILE, SERVED, WAYS, Trials, section
-from service.mapping import MappingSpec
-from service.sampler import Sampler
+from service.mapping.sampler import Sampler
+from service.mapping.spec import MappingSpec
 
 SPEC = MappingSpec("identity", 3, (6,), 3, domain="sphere")
 

@@ -14,7 +14,7 @@ from safetensors import numpy as safetensors_numpy
 
 from service.errors import CorruptWeights, InvalidParameter, InvalidSpec
 from service.formats.weights import MAX_HEADER_BYTES, MAX_JSON_NUMBERS, WEIGHT_FORMATS, Weights, dump, load
-from service.mapping import HOF_1, Array, MappingSpec, initial_theta
+from service.mapping.spec import HOF_1, Array, MappingSpec, initial_theta
 
 TINY = MappingSpec("tiny", 3, (2,), 3, k=2)
 THETA = np.linspace(-1, 1, TINY.size, dtype=np.float32)

@@ -9,7 +9,7 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from service.mapping import Array, MappingSpec, initial_theta
+from service.mapping.spec import Array, MappingSpec, initial_theta
 
 SPEC = MappingSpec("tiny", input_dim=3, hidden=(16,), output_dim=3, k=2)
 COLOR_SPEC = MappingSpec("tiny colour", input_dim=3, hidden=(8,), output_dim=3)

@@ -8,7 +8,7 @@ import numpy as np
 from service.encoder import Encoder
 from service.ids import encoded_id
 from service.images import preprocess
-from service.mapping import Functions
+from service.mapping.spec import Functions
 from service.schemas import EncodedObject
 from service.settings import SHIPPED_MODEL
 from service.store import Record

@@ -17,8 +17,8 @@ from model.config import TrainConfig
 from model.data.augment import ANY_LIGHT, Light, augment, oversize
 from model.data.manifest import Entry, Manifest, Split, made_files, variant_files
 from model.data.photographs import photograph_files
-from service.canonical import canonical_points
 from service.images import Framing, frame
+from service.mapping.canonical import canonical_points
 
 Bytes = npt.NDArray[np.uint8]
 Floats = npt.NDArray[np.float32]

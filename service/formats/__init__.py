@@ -7,8 +7,8 @@ from typing import Final, Protocol, TypeVar
 
 from service.errors import InvalidParameter, NotAcceptable
 from service.formats import gltf, json, npy, pcd, ply, raw, xyz
-from service.mapping import Array, Colors
-from service.sampler import bounds as bounds_of
+from service.mapping.sampler import bounds as bounds_of
+from service.mapping.spec import Array, Colors
 
 Part = tuple[int, int]  # index of the first point, counted from the cloud's first; how many
 

@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from service.formats import raw
-from service.mapping import Array, Colors
+from service.mapping.spec import Array, Colors
 
 JSON_BYTES: Final = 1024
 PLAIN: Final = 12  # bytes a point: three float32

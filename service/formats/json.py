@@ -6,7 +6,7 @@ Where points have colours, `"colors": [[red, green, blue], ...]` of 0 to 255 com
 from typing import Final
 
 from service.formats import text
-from service.mapping import Array, Colors
+from service.mapping.spec import Array, Colors
 
 MAX_POINTS: Final = 100_000
 SEPARATOR: Final = b","

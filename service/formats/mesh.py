@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from service.formats import mesh_gltf, mesh_obj, mesh_ply, mesh_stl
-from service.surface import Surface
+from service.mapping.surface import Surface
 
 
 @dataclass(frozen=True)

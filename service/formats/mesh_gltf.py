@@ -13,8 +13,8 @@ from typing import Any, Final
 import numpy as np
 
 from service.formats.gltf import WHITE, linear
-from service.mapping import Array
-from service.surface import Surface
+from service.mapping.spec import Array
+from service.mapping.surface import Surface
 
 _FLOAT, _UINT, _ARRAY_BUFFER, _ELEMENT_ARRAY_BUFFER = 5126, 5125, 34962, 34963
 _GREY: Final = [0.5, 0.5, 0.53, 1.0]  # linear RGBA

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from service.formats import text
-from service.surface import Surface
+from service.mapping.surface import Surface
 
 _HEADER: Final = b"# +Y is up, the front faces +Z\n"
 

@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 
 from service.formats import ply, raw
-from service.surface import Surface
+from service.mapping.surface import Surface
 
 _HEADER: Final = """\
 ply

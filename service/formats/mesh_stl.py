@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from service.surface import Surface, cross_products
+from service.mapping.surface import Surface, cross_products
 
 _HEADER: Final = b"hof: +Y is up, the front faces +Z"  # must not begin with "solid", as text files do
 _TRIANGLE: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])

@@ -4,7 +4,7 @@ import io
 
 from numpy.lib import format as npy_format
 
-from service.mapping import Array
+from service.mapping.spec import Array
 
 
 def head(n: int, bounds: tuple[Array, Array] | None = None) -> bytes:

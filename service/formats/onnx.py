@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from service.mapping import Array, MappingSpec, layers, word_of
+from service.mapping.spec import Array, MappingSpec, layers, word_of
 
 IR_VERSION: Final = 8
 OPSET: Final = 13

@@ -6,7 +6,7 @@
 import numpy as np
 
 from service.formats import raw
-from service.mapping import Array, Colors
+from service.mapping.spec import Array, Colors
 
 _HEADER = """\
 # .PCD v0.7 - Point Cloud Data file format

@@ -1,7 +1,7 @@
 """PLY, binary little endian: three float32 a vertex, and red, green, blue where it has a colour."""
 
 from service.formats import raw
-from service.mapping import Array, Colors
+from service.mapping.spec import Array, Colors
 
 _HEADER = """\
 ply

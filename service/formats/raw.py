@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from service.mapping import Array, Colors
+from service.mapping.spec import Array, Colors
 
 FLOAT16_MAX = 65_504.0
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from service.errors import CorruptWeights, InvalidParameter
 from service.formats import onnx
-from service.mapping import Array, Color, Functions, MappingSpec, check_color_spec
+from service.mapping.spec import Array, Color, Functions, MappingSpec, check_color_spec
 
 WeightFormatName = Literal["safetensors", "npy", "json", "onnx"]
 

@@ -1,7 +1,7 @@
 """XYZ text: one point a line, six significant digits."""
 
 from service.formats import text
-from service.mapping import Array
+from service.mapping.spec import Array
 
 
 def head(n: int, bounds: tuple[Array, Array] | None = None) -> bytes:

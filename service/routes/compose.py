@@ -13,7 +13,7 @@ from service.clients import while_there
 from service.composition import Proposal, check_stored, check_values, propose
 from service.errors import InvalidInput, NotFound
 from service.ids import is_id
-from service.mapping import Functions
+from service.mapping.spec import Functions
 from service.points import PROBE_POINTS, check_cost, cost_of
 from service.queries import Composition, NoQuery
 from service.runtime import Ready, Runtime

@@ -15,7 +15,7 @@ from service.clients import while_there
 from service.encoder import Encoder
 from service.ids import encoded_id
 from service.images import Framed, preprocess
-from service.mapping import Functions
+from service.mapping.spec import Functions
 from service.queries import EncodeQuery
 from service.routes.files import BINARY
 from service.runtime import Ready, Runtime

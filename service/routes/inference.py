@@ -27,7 +27,7 @@ from service.inference import (
     request_schema,
     tensors,
 )
-from service.mapping import Array, Functions
+from service.mapping.spec import Array, Functions
 from service.queries import NoQuery
 from service.routes.files import BINARY
 from service.routes.health import check

@@ -10,7 +10,7 @@ from service.caching import etag, is_fresh
 from service.clients import while_there
 from service.formats import negotiate
 from service.formats.mesh import MESH_FORMATS, MeshFormat
-from service.mapping import Functions, MappingSpec
+from service.mapping.spec import Functions, MappingSpec
 from service.points import check_cost, cost_of
 from service.queries import MeshQuery
 from service.routes.files import NOT_ACCEPTABLE, ObjectId, attachment, cached, file_responses, head

@@ -16,9 +16,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from service.color import ColorSampler
-from service.mapping import Array, Colors, Domain
-from service.sampler import Sampler
+from service.mapping.color import ColorSampler
+from service.mapping.sampler import Sampler
+from service.mapping.spec import Array, Colors, Domain
 
 Indices = npt.NDArray[np.uint32]
 Values = npt.NDArray[np.float64]

@@ -4,10 +4,10 @@ from typing import Final
 
 import numpy as np
 
-from service.canonical import Sampling, check_range
 from service.errors import CorruptWeights
-from service.mapping import Array, Color, Colors
-from service.sampler import Canonical, Sampler
+from service.mapping.canonical import Sampling, check_range
+from service.mapping.sampler import Canonical, Sampler
+from service.mapping.spec import Array, Color, Colors
 
 WHITE: Final = 255
 

@@ -14,10 +14,10 @@ from typing import Final, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from service import kernel
-from service.canonical import canonical_points
-from service.kernel import Compiled
-from service.mapping import Array, MappingSpec, layers
+from service.mapping import compiled
+from service.mapping.canonical import canonical_points
+from service.mapping.compiled import Compiled
+from service.mapping.spec import Array, MappingSpec, layers
 
 TILES: Final = (256, 128)  # points of one product, of at most and of more than `WIDE` units: 512 KiB, in the L2 cache
 WIDE: Final = 512  # units
@@ -149,7 +149,7 @@ class _Scratch:
 
 
 class CompiledFold:
-    """A fold's values by the compiled kernel."""
+    """A fold's values by the compiled compiled."""
 
     GRID: Final = 6
 
@@ -157,7 +157,7 @@ class CompiledFold:
         self._fold, self._compiled = fold, compiled
         counts = fold.crossing.sum(axis=1)
         self._starts = np.zeros(len(counts) + 1, np.int64)
-        np.cumsum(-(-counts // kernel.LANES) * kernel.LANES, out=self._starts[1:])
+        np.cumsum(-(-counts // compiled.LANES) * compiled.LANES, out=self._starts[1:])
         self._units = np.zeros((7, self._starts[-1]), np.float32)
         compiled.pack(fold.crossing, np.concatenate([fold.first.T, fold.second]), self._starts, self._units)
 
@@ -180,7 +180,7 @@ class FoldedWord:
     def __init__(self, spec: MappingSpec, word: Sequence[Array]) -> None:
         self._spec = spec
         self._thetas = word[::-1]  # as applied
-        compiled, box = kernel.load(), np.ones(3)
+        compiled, box = compiled.load(), np.ones(3)
         self._engine: type[NumpyFold | CompiledFold] = CompiledFold if compiled else NumpyFold
         self._make = partial(CompiledFold, compiled=compiled) if compiled else NumpyFold
         self._whole = each_once(lambda theta: self._make(Fold(spec, theta, -box, box, 0)), self._thetas)

@@ -15,9 +15,9 @@ from typing import Final, Literal
 import numpy as np
 import numpy.typing as npt
 
-from service import kernel
 from service.errors import InvalidParameter
-from service.mapping import DOMAIN_DIMS, Array, Domain
+from service.mapping import compiled
+from service.mapping.spec import DOMAIN_DIMS, Array, Domain
 
 Sampling = Literal["uniform", "sobol"]
 
@@ -97,7 +97,7 @@ def _uniform(seed: int, low: int, high: int) -> Array:
 
     NumPy's Philox 4x64, keyed by the seed: one step of its counter makes two points.
     """
-    compiled = kernel.load()
+    compiled = compiled.load()
     if compiled is not None:
         u = np.empty((_LANES, high - low), np.float32)
         compiled.uniform(np.uint64(seed), low // 2, u)

@@ -1,7 +1,7 @@
 """The mapping function f_theta: what its weights mean, and its plain NumPy forward pass.
 
 `theta` is one flat float32 vector: layer by layer, W row-major (out, in), then b (out). The forward
-pass here is the readable reference; `service.sampler` holds the fast one.
+pass here is the readable reference; `service.mapping.sampler` holds the fast one.
 """
 
 import itertools

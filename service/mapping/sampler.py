@@ -1,6 +1,6 @@
 """Points of an object: canonical points, tile by tile, through the mapping function.
 
-Networks of one hidden layer of ReLUs are folded (`service.folding`). Of the others a tile's activations fit
+Networks of one hidden layer of ReLUs are folded (`service.mapping.folding`). Of the others a tile's activations fit
 the L2 cache, which makes them several times faster than `mapping.apply` on whole arrays. Every product has
 the same shape in every call, and tiles start at multiples of their size: outputs are bitwise equal in any
 chunking, on one machine and build of NumPy.
@@ -13,10 +13,10 @@ from typing import Final
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from service.canonical import Sampling, check_range, span
 from service.errors import CorruptWeights, InvalidParameter
-from service.folding import FoldedWord, buffer, each_once
-from service.mapping import Array, MappingSpec, layers
+from service.mapping.canonical import Sampling, check_range, span
+from service.mapping.folding import FoldedWord, buffer, each_once
+from service.mapping.spec import Array, MappingSpec, layers
 
 TILE: Final = 512  # points
 CHUNK: Final = 65_536  # points
