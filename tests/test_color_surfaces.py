@@ -14,7 +14,7 @@ from gltf_validator import check_valid
 from scipy.spatial import cKDTree
 
 from service import cli
-from service.formats.mesh import MESH_FORMATS
+from service.formats.mesh.registry import MESH_FORMATS
 from service.formats.weights import load
 from service.mapping.spec import apply, compose, word_of
 from service.mapping.surface import shells

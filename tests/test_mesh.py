@@ -12,7 +12,7 @@ import trimesh
 from conftest import check_refused, disc, image_file
 from gltf_validator import check_valid
 
-from service.formats.mesh import MESH_FORMATS
+from service.formats.mesh.registry import MESH_FORMATS
 from service.formats.weights import load
 from service.mapping.sampler import Sampler
 from service.mapping.spec import word_of

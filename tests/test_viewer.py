@@ -7,7 +7,7 @@ import httpx
 import pytest
 
 from service.formats import POINT_FORMATS
-from service.formats.mesh import MESH_FORMATS
+from service.formats.mesh.registry import MESH_FORMATS
 from service.formats.weights import WEIGHT_FORMATS
 from service.routes import viewer
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from service.formats import mesh_gltf, mesh_obj, mesh_ply, mesh_stl
+from service.formats.mesh import gltf, obj, ply, stl
 from service.mapping.surface import Surface
 
 
@@ -28,10 +28,10 @@ class MeshFormat:
 MESH_FORMATS: Final[Mapping[str, MeshFormat]] = {
     fmt.name: fmt
     for fmt in (
-        MeshFormat("glb", "model/gltf-binary", ".glb", mesh_gltf.glb),
-        MeshFormat("gltf", "model/gltf+json", ".gltf", mesh_gltf.gltf),
-        MeshFormat("obj", "model/obj", ".obj", mesh_obj.dump),
-        MeshFormat("stl", "model/stl", ".stl", mesh_stl.dump, holds_color=False),
-        MeshFormat("ply", "model/ply", ".ply", mesh_ply.dump),
+        MeshFormat("glb", "model/gltf-binary", ".glb", gltf.glb),
+        MeshFormat("gltf", "model/gltf+json", ".gltf", gltf.gltf),
+        MeshFormat("obj", "model/obj", ".obj", obj.dump),
+        MeshFormat("stl", "model/stl", ".stl", stl.dump, holds_color=False),
+        MeshFormat("ply", "model/ply", ".ply", ply.dump),
     )
 }
