@@ -10,8 +10,8 @@ from pydantic import BaseModel, ValidationError
 
 from service import __version__, commands
 from service.errors import HofError
-from service.formats import POINT_FORMATS
 from service.formats.mesh.registry import MESH_FORMATS
+from service.formats.points.registry import POINT_FORMATS
 from service.formats.weights import WEIGHT_FORMATS
 from service.images import Background
 from service.keys import SCOPES, make_key

@@ -14,8 +14,8 @@ from pydantic import BaseModel
 from service.composition import Member, check
 from service.encoder import Encoder
 from service.errors import HofError, InvalidParameter
-from service.formats import POINT_FORMATS, Format, PointFormat, write
 from service.formats.mesh.registry import MESH_FORMATS
+from service.formats.points.registry import POINT_FORMATS, Format, PointFormat, write
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
 from service.images import preprocess
 from service.mapping.sampler import Sampler

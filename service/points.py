@@ -11,7 +11,7 @@ from typing import Any, Final, TypeVar
 import numpy as np
 
 from service.errors import InvalidParameter
-from service.formats import Part, PointFormat
+from service.formats.points.registry import Part, PointFormat
 from service.mapping.canonical import Sampling, check_range
 from service.mapping.color import ColorSampler
 from service.mapping.sampler import CHUNK, SCALES, Sampler

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from service.formats import POINT_FORMATS, Part, PointFormat, write
+from service.formats.points.registry import POINT_FORMATS, Part, PointFormat, write
 from service.mapping.spec import Array, Colors
 
 FORMATS = list(POINT_FORMATS.values())

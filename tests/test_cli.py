@@ -12,8 +12,8 @@ from conftest import disc, image_file
 
 from service import server
 from service.cli import main
-from service.formats import POINT_FORMATS
 from service.formats.mesh.registry import MESH_FORMATS
+from service.formats.points.registry import POINT_FORMATS
 from service.formats.weights import Weights, dump, load
 from service.keys import make_key
 from service.mapping.spec import MappingSpec, initial_theta

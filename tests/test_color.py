@@ -18,7 +18,7 @@ from conftest import disc, image_file
 from gltf_validator import check_valid
 
 from service import cli
-from service.formats import POINT_FORMATS
+from service.formats.points.registry import POINT_FORMATS
 from service.formats.weights import Weights, dump, load
 from service.mapping.canonical import canonical_points
 from service.mapping.spec import Array, Color, Colors, MappingSpec, apply, initial_theta

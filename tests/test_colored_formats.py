@@ -10,7 +10,7 @@ import pytest
 import trimesh
 from clouds import COLORED, FORMATS, TWO, Given, colored, colors_of, file_of
 
-from service.formats import POINT_FORMATS, write
+from service.formats.points.registry import POINT_FORMATS, write
 from service.mapping.canonical import canonical_points
 
 

@@ -12,8 +12,8 @@ from conftest import Server, disc, image_file
 
 from model.cli import _parser as model_parser
 from service import cli
-from service.formats import POINT_FORMATS
 from service.formats.mesh.registry import MESH_FORMATS
+from service.formats.points.registry import POINT_FORMATS
 from service.settings import Settings
 
 ROOT = Path(__file__).parents[1]

@@ -12,7 +12,7 @@ from clouds import BINARY, EVERY, FORMATS, TEXT, TWO, Given, colored, colors_of,
 from gltf_validator import check_valid, gltf_report
 
 from service.errors import InvalidParameter, NotAcceptable
-from service.formats import POINT_FORMATS, Part, PointFormat, negotiate, write
+from service.formats.points.registry import POINT_FORMATS, Part, PointFormat, negotiate, write
 from service.formats.raw import float32
 from service.mapping.canonical import canonical_points
 from service.mapping.sampler import bounds

@@ -15,7 +15,7 @@ import trimesh
 from conftest import Server, check_refused, running
 
 from service import points as points_module
-from service.formats import POINT_FORMATS, Part
+from service.formats.points.registry import POINT_FORMATS, Part
 from service.formats.weights import load
 from service.mapping.canonical import canonical_points
 from service.mapping.spec import Array, Functions, MappingSpec, initial_theta, power

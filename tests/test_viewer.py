@@ -6,8 +6,8 @@ from pathlib import Path
 import httpx
 import pytest
 
-from service.formats import POINT_FORMATS
 from service.formats.mesh.registry import MESH_FORMATS
+from service.formats.points.registry import POINT_FORMATS
 from service.formats.weights import WEIGHT_FORMATS
 from service.routes import viewer
 

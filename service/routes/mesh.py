@@ -8,8 +8,8 @@ from starlette.responses import Response
 
 from service.caching import etag, is_fresh
 from service.clients import while_there
-from service.formats import negotiate
 from service.formats.mesh.registry import MESH_FORMATS, MeshFormat
+from service.formats.points.registry import negotiate
 from service.mapping.spec import Functions, MappingSpec
 from service.points import check_cost, cost_of
 from service.queries import MeshQuery

@@ -10,7 +10,7 @@ from starlette.responses import Response, StreamingResponse
 from service.caching import accepts_gzip, etag, is_fresh
 from service.clients import AdmittedStream, while_there
 from service.errors import InvalidParameter
-from service.formats import POINT_FORMATS, negotiate
+from service.formats.points.registry import POINT_FORMATS, negotiate
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
 from service.ids import imported_id
 from service.points import (

@@ -1,7 +1,7 @@
 """glTF 2.0 of a surface: one mesh of TRIANGLES with normals; binary (GLB), or JSON with the numbers in base64.
 
 glTF's frame is ours: right-handed, +Y up, front +Z. A vertex's colour is linear, three float32, as a point's is
-(`service.formats.gltf`).
+(`service.formats.points.gltf`).
 """
 
 import base64
@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from service.formats.gltf import WHITE, linear
+from service.formats.points.gltf import WHITE, linear
 from service.mapping.spec import Array
 from service.mapping.surface import Surface
 

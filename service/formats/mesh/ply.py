@@ -5,7 +5,8 @@ from typing import Final
 
 import numpy as np
 
-from service.formats import ply, raw
+from service.formats import raw
+from service.formats.points import ply
 from service.mapping.surface import Surface
 
 _HEADER: Final = """\

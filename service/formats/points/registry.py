@@ -1,0 +1,248 @@
+"""Point clouds as files: what formats there are, how one is chosen, how one is written piece by piece."""
+
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Final, Protocol, TypeVar
+
+from service.errors import InvalidParameter, NotAcceptable
+from service.formats import raw
+from service.formats.points import gltf, json, npy, pcd, ply, xyz
+from service.mapping.sampler import bounds as bounds_of
+from service.mapping.spec import Array, Colors
+
+Part = tuple[int, int]  # index of the first point, counted from the cloud's first; how many
+
+
+class Source(Protocol):
+    """Points that are computed part by part, and again in another pass, so that memory does not grow with n."""
+
+    @property
+    def n(self) -> int:
+        """How many points there are in all."""
+
+    def parts(self) -> Iterator[Part]:
+        """All points in order."""
+
+    def points(self, part: Part) -> Array:
+        """Points of a part, (count, 3) float32."""
+
+    def colors(self, part: Part) -> Colors:
+        """Their colours, (count, 3) uint8, sRGB."""
+
+
+Body = Callable[[Source, Part], bytes]
+
+
+class _Format(Protocol):
+    @property
+    def media_type(self) -> str: ...
+    @property
+    def extension(self) -> str: ...
+
+
+Format = TypeVar("Format", bound=_Format)
+
+
+@dataclass(frozen=True)
+class PointFormat:
+    """A file format for point clouds: pure functions from arrays to bytes.
+
+    name : as in the query's `format`.
+    media_type : as in Content-Type and Accept.
+    extension : of a file's name, with its dot.
+    head : (n, bounds) -> what precedes the points; bounds are None unless `needs_bounds`.
+    passes : over all parts, one after another: what stands before the pass, and what writes a part.
+    tail : n -> what follows the points.
+    length : n -> bytes of the whole file, None where only the points tell.
+    needs_bounds : the head holds the smallest and largest coordinates.
+    max_points : the format's limit, None without one.
+    separator : what stands between one part and the next.
+    is_text : it shrinks to less than half by gzip; the others hardly do.
+    colored : the format with a colour for each point; None where it holds none.
+    """
+
+    name: str
+    media_type: str
+    extension: str
+    head: Callable[[int, tuple[Array, Array] | None], bytes]
+    passes: tuple[tuple[bytes, Body], ...]
+    tail: Callable[[int], bytes] = lambda n: b""
+    length: Callable[[int], int | None] = lambda n: None
+    needs_bounds: bool = False
+    max_points: int | None = None
+    separator: bytes = b""
+    is_text: bool = False
+    colored: "PointFormat | None" = None
+
+    def holding(self, *, color: bool) -> "PointFormat":
+        """This format, with colours where there are any and it can hold them."""
+        return self.colored or self if color else self
+
+
+def _points(write: Callable[[Array], bytes]) -> tuple[bytes, Body]:
+    return b"", lambda source, part: write(source.points(part))
+
+
+def _colored_points(write: Callable[[Array, Colors], bytes]) -> tuple[bytes, Body]:
+    return b"", lambda source, part: write(source.points(part), source.colors(part))
+
+
+_PLY = PointFormat("ply", "model/ply", ".ply", ply.head, (_points(raw.float32),), length=ply.length)
+_COLORED_PLY = replace(
+    _PLY,
+    head=partial(ply.head, colored=True),
+    passes=(_colored_points(ply.colored_body),),
+    length=partial(ply.length, colored=True),
+)
+_NPY = PointFormat("npy", "application/x-npy", ".npy", npy.head, (_points(raw.float32),), length=npy.length)
+_XYZ = PointFormat("xyz", "text/plain", ".xyz", xyz.head, (_points(xyz.body),), is_text=True)
+_JSON = PointFormat(
+    "json",
+    "application/json",
+    ".json",
+    json.head,
+    (_points(json.body),),
+    json.tail,
+    max_points=json.MAX_POINTS,
+    separator=json.SEPARATOR,
+    is_text=True,
+)
+_COLORED_JSON = replace(
+    _JSON,
+    passes=(*_JSON.passes, (json.COLORS, lambda source, part: json.colors(source.colors(part)))),
+)
+_GLB = PointFormat(
+    "glb",
+    "model/gltf-binary",
+    ".glb",
+    gltf.head,
+    (_points(raw.float32),),
+    length=gltf.length,
+    needs_bounds=True,
+    max_points=gltf.max_points(),
+)
+_COLORED_GLB = replace(
+    _GLB,
+    head=partial(gltf.head, stride=gltf.COLORED),
+    passes=(_colored_points(gltf.colored_body),),
+    length=partial(gltf.length, stride=gltf.COLORED),
+    max_points=gltf.max_points(gltf.COLORED),
+)
+_GLTF = PointFormat(
+    "gltf",
+    "model/gltf+json",
+    ".gltf",
+    gltf.json_head,
+    (_points(gltf.json_body),),
+    gltf.json_tail,
+    gltf.json_length,
+    needs_bounds=True,
+)
+_COLORED_GLTF = replace(
+    _GLTF,
+    head=partial(gltf.json_head, stride=gltf.COLORED),
+    passes=(_colored_points(gltf.colored_json_body),),
+    length=partial(gltf.json_length, stride=gltf.COLORED),
+)
+_PCD = PointFormat("pcd", "application/x-pcd", ".pcd", pcd.head, (_points(raw.float32),), length=pcd.length)
+_COLORED_PCD = replace(
+    _PCD,
+    head=partial(pcd.head, colored=True),
+    passes=(_colored_points(pcd.colored_body),),
+    length=partial(pcd.length, colored=True),
+)
+_F32 = PointFormat(
+    "f32", "application/octet-stream", ".f32", raw.head, (_points(raw.float32),), length=lambda n: 12 * n
+)
+_F16 = PointFormat("f16", "application/octet-stream", ".f16", raw.head, (_points(raw.float16),), length=lambda n: 6 * n)
+
+POINT_FORMATS: Final[Mapping[str, PointFormat]] = {
+    fmt.name: fmt
+    for fmt in (
+        replace(_PLY, colored=_COLORED_PLY),
+        _NPY,
+        _XYZ,
+        replace(_JSON, colored=_COLORED_JSON),
+        replace(_GLB, colored=_COLORED_GLB),
+        replace(_GLTF, colored=_COLORED_GLTF),
+        replace(_PCD, colored=_COLORED_PCD),
+        _F32,
+        _F16,
+    )
+}
+
+
+def write(fmt: PointFormat, source: Source) -> Iterator[bytes]:
+    """The file, piece by piece: head, one piece of bytes for each part in each pass, tail.
+
+    Raises
+    ------
+    InvalidParameter : the source's n is not within the format's limit.
+    """
+    n = source.n
+    if n < 1:
+        raise InvalidParameter(f"n must be at least 1, not {n}", field="n")
+    if fmt.max_points is not None and n > fmt.max_points:
+        raise InvalidParameter(f"{fmt.name} holds at most {fmt.max_points} points, not {n}", field="n")
+    return filter(None, _pieces(fmt, source))  # an empty piece would end a chunked HTTP body
+
+
+def negotiate(accept: str | None, formats: Collection[Format]) -> Format:
+    """The format that an Accept header (RFC 9110, section 12.5.1) asks for; the first where it leaves the choice.
+
+    The highest q wins; then the more exact range, then the one that is named first.
+
+    Raises
+    ------
+    NotAcceptable : the header allows no format that we write.
+    """
+    ranges = _media_ranges(accept or "*/*")
+    ranked = [
+        (q, exactness, earliness, fmt)
+        for fmt in formats
+        for exactness, q, earliness in [_match(fmt.media_type, ranges)]
+        if q > 0
+    ]
+    if not ranked:
+        offered = ", ".join(fmt.media_type for fmt in formats)
+        raise NotAcceptable(f"the Accept header allows none of {offered}", field="Accept")
+    return max(ranked, key=lambda candidate: candidate[:3])[3]  # max keeps the first of equals
+
+
+def _pieces(fmt: PointFormat, source: Source) -> Iterator[bytes]:
+    yield fmt.head(source.n, bounds_of(map(source.points, source.parts())) if fmt.needs_bounds else None)
+    for opening, body in fmt.passes:
+        separator = opening
+        for part in source.parts():
+            yield separator + body(source, part)
+            separator = fmt.separator
+    yield fmt.tail(source.n)
+
+
+def _media_ranges(accept: str) -> list[tuple[str, float]]:
+    """(range, q) in the header's order; what makes no sense is left out."""
+    ranges = []
+    for part in accept.lower().split(","):
+        media_range, *parameters = (field.strip() for field in part.split(";"))
+        quality = next((value[2:] for value in parameters if value.startswith("q=")), "1")
+        try:
+            q = float(quality)
+        except ValueError:
+            continue
+        if "/" in media_range and 0 <= q <= 1:
+            ranges.append((media_range, q))
+    return ranges
+
+
+def _match(media_type: str, ranges: list[tuple[str, float]]) -> tuple[int, float, int]:
+    """The most exact range that covers a media type, as (exactness, q, earliness); q = 0 for none."""
+    covers = (media_type, media_type.split("/")[0] + "/*", "*/*")
+    return max(
+        (
+            (len(covers) - covers.index(media_range), q, -position)
+            for position, (media_range, q) in enumerate(ranges)
+            if media_range in covers
+        ),
+        default=(0, 0.0, 0),
+    )
