@@ -27,7 +27,7 @@ from benchmarks.report import Asked, asked_table
 from benchmarks.timing import in_turn
 from model.provenance import provenance
 from service.batcher import MAX_BATCH, Batcher
-from service.encoder import Encoder
+from service.encoding.encoder import Encoder
 from service.settings import SHIPPED_MODEL
 
 FOLDER: Final = Path(__file__).resolve().parent

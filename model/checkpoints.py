@@ -15,7 +15,7 @@ from torch import nn
 from model.baselines import Hof, make_network
 from model.config import TrainConfig
 from model.networks import ImageEncoder
-from service.encoder import Encoder
+from service.encoding.encoder import Encoder
 from service.mapping.canonical import canonical_points
 
 Floats = npt.NDArray[np.float32]

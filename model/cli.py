@@ -164,7 +164,7 @@ def _train(arguments: argparse.Namespace) -> None:
     from model.config import DENSE, LITE0, TrainConfig
     from model.log import plot_losses
     from model.train import train
-    from service.images import Framing
+    from service.encoding.framing import Framing
 
     encoder, framing = {"dense": (DENSE, Framing()), "lite0": (LITE0, Framing(128))}[arguments.trunk]
     config = TrainConfig(
@@ -210,7 +210,7 @@ def _evaluate(arguments: argparse.Namespace) -> None:
     from model.perturb import Condition
     from model.sheets import first_objects
     from model.tables import card_table
-    from service.encoder import Encoder
+    from service.encoding.encoder import Encoder
 
     if arguments.folder and (arguments.ceiling or arguments.picture):
         raise ValueError("--ceiling and --picture are of an exported model: leave out --run")
@@ -251,7 +251,7 @@ def _export(arguments: argparse.Namespace) -> None:
     from model.data.manifest import Manifest
     from model.export import export
     from model.files import whole_file
-    from service.encoder import Encoder
+    from service.encoding.encoder import Encoder
 
     trained, config, run = load_encoder(chosen_checkpoint(arguments.folder))
     color, coloured = load(arguments.folder, trained, config.spec) or (None, None)
@@ -272,7 +272,7 @@ def _export(arguments: argparse.Namespace) -> None:
 
 def _mixtures(arguments: argparse.Namespace) -> None:
     from model.mixture_report import write
-    from service.encoder import Encoder
+    from service.encoding.encoder import Encoder
 
     encoder = Encoder.open(arguments.model, threads=1)
     print(write(encoder, arguments.data, arguments.split, arguments.out, arguments.seed))

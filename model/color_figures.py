@@ -22,8 +22,8 @@ from model.provenance import provenance
 from model.records import Record
 from model.reference import Retrieval, Training
 from model.tables import find, spread, table
-from service.encoder import Encoder
-from service.images import decode, frame, over_white
+from service.encoding.encoder import Encoder
+from service.encoding.framing import decode, frame, over_white
 from service.mapping.color import ColorSampler
 
 Floats = npt.NDArray[np.float32]

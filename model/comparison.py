@@ -17,8 +17,8 @@ from model.provenance import provenance
 from model.records import Decoder, Record
 from model.reference import Retrieval, Training, blob
 from model.timing import mapping_decoder, network_decoder
-from service.encoder import Encoder
-from service.images import preprocess
+from service.encoding.encoder import Encoder
+from service.encoding.framing import preprocess
 
 Floats = npt.NDArray[np.float32]
 

@@ -3,7 +3,7 @@
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Final, Literal
 
-from service.images import Framing
+from service.encoding.framing import Framing
 from service.mapping.spec import HOF_1, MappingSpec
 
 Method = Literal["hof", "deepsdf", "foldingnet", "direct"]

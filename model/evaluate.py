@@ -1,6 +1,6 @@
 """Measure answers on a split, along the path that a user's bytes take.
 
-Each view becomes a PNG; `service.images` decodes and frames it, `service.encoder` runs the ONNX file,
+Each view becomes a PNG; `service.encoding.framing` decodes and frames it, `service.encoding.encoder` runs the ONNX file,
 `service.mapping.sampler` draws the points. Objects are measured in threads; every figure is a mean over an
 object's views.
 """
@@ -19,8 +19,8 @@ from tqdm import tqdm
 from model.data.manifest import Entry, Manifest, Split
 from model.metrics import NAMES, compare
 from model.perturb import Condition, condition_views, png
-from service.encoder import Encoder
-from service.images import preprocess
+from service.encoding.encoder import Encoder
+from service.encoding.framing import preprocess
 from service.mapping.sampler import Sampler
 from service.mapping.spec import Functions, MappingSpec, word_of
 

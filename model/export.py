@@ -22,7 +22,7 @@ from model.config import TrainConfig
 from model.files import whole_file
 from model.networks import ImageEncoder, power
 from service import mapping
-from service.encoder import FORMAT, Encoder
+from service.encoding.encoder import FORMAT, Encoder
 from service.mapping.canonical import canonical_points
 from service.mapping.sampler import Sampler
 

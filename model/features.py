@@ -22,8 +22,8 @@ from model.data.manifest import Entry
 from model.export import to_onnx
 from model.files import whole_file
 from model.pretrained import MEAN, SPREAD
-from service.encoder import open_session
-from service.images import Framing, frame, over_white
+from service.encoding.encoder import open_session
+from service.encoding.framing import Framing, frame, over_white
 
 Floats = npt.NDArray[np.float32]
 

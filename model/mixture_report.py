@@ -9,7 +9,7 @@ from model.data.manifest import Split
 from model.metrics import interval
 from model.mixtures import AVERAGE, COPY, FIGURES, PAIRS, POINTS, SHOWN, Mixtures, even_words, measure, mixed_words
 from model.tables import spread, table
-from service.encoder import Encoder
+from service.encoding.encoder import Encoder
 from service.sheet import rows_of_words
 
 FOLDER: Final = Path("model/results")  # below the project's root

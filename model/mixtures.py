@@ -23,7 +23,7 @@ from model.neighbours import Neighbours
 from model.perturb import png
 from model.provenance import provenance
 from model.reference import Training
-from service.encoder import Encoder
+from service.encoding.encoder import Encoder
 from service.mapping.sampler import Sampler
 from service.mapping.spec import MappingSpec
 from service.sheet import rows_of_words, sheet

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from model.data.manifest import Entry, Manifest
 from model.features import FRAMING, Features, training_bank
 from model.metrics import nearest
-from service.images import preprocess
+from service.encoding.framing import preprocess
 
 Floats = npt.NDArray[np.float32]
 Bytes = npt.NDArray[np.uint8]

@@ -17,7 +17,7 @@ from model.records import Decoder, Record
 from model.retrain import COMPARED
 from model.sheets import SHOWN, SHOWN_PER_CLASS, everyday_objects, first_objects
 from model.timing import encoder_ms
-from service.encoder import Encoder
+from service.encoding.encoder import Encoder
 
 FOLDER: Final = Path("model/results")  # below the project's root
 
@@ -152,7 +152,7 @@ def _head(ours: Record, shipped: Shipped) -> str:
     training = made["training"]
     return f"""# Results
 
-Written by `make results`: the shipped weights, evaluated along the path of a user's bytes (PNG, `service.images`,
+Written by `make results`: the shipped weights, evaluated along the path of a user's bytes (PNG, `service.encoding.framing`,
 the ONNX file, the sampler), beside answers that need no training and the raw metrics in `{FOLDER}`.
 
 - Machine: {made["machine"]}. Date: {made["date"]}. Seed: {made["seed"]}. Commit: {made["commit"]}.

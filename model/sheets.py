@@ -8,7 +8,7 @@ from PIL import Image, ImageDraw
 from model.classes import EVERYDAY, class_of
 from model.data.preview import flatten
 from model.evaluate import VIEWS, Case, predict
-from service.encoder import Encoder
+from service.encoding.encoder import Encoder
 from service.picture import draw
 
 CELL: Final = 160

@@ -27,7 +27,7 @@ from model.metrics import compare
 from model.perturb import png
 from model.provenance import provenance
 from model.tables import table
-from service.encoder import Encoder
+from service.encoding.encoder import Encoder
 from service.mapping.sampler import Sampler
 from service.mapping.spec import word_of
 from service.mapping.surface import shells, surface_of

@@ -14,7 +14,7 @@ from model.baselines import Hof
 from model.checkpoints import load_network, predictor
 from model.evaluate import POINTS, draw
 from model.records import Decoder
-from service.encoder import Encoder
+from service.encoding.encoder import Encoder
 
 REPEATS: Final = 50
 

@@ -16,14 +16,14 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from service import __version__, problems
 from service.access import Access
 from service.clients import Patience
+from service.encoding.framing import ignore_remarks
+from service.encoding.matting import Matting
+from service.encoding.registry import Models
 from service.errors import InvalidParameter
 from service.headers import SecureHeaders, with_cors
-from service.images import ignore_remarks
 from service.mapping import compiled
 from service.mapping.sampler import hold_blas_to_one_thread
-from service.matting import Matting
 from service.metrics import Metrics
-from service.models import Models
 from service.observing import Observed, Templates
 from service.openapi import openapi_text
 from service.routes import compose, encode, health, inference, mesh, metrics, objects, viewer

@@ -9,11 +9,11 @@ from typing import Final, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 
 from service import __version__, commands
+from service.encoding.framing import Background
 from service.errors import HofError
 from service.formats.mesh.registry import MESH_FORMATS
 from service.formats.points.registry import POINT_FORMATS
 from service.formats.weights import WEIGHT_FORMATS
-from service.images import Background
 from service.keys import SCOPES, make_key
 from service.queries import MeshQuery, PointsQuery
 from service.settings import Settings

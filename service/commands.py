@@ -12,15 +12,15 @@ from typing import Any, Final
 from pydantic import BaseModel
 
 from service.composition import Member, check
-from service.encoder import Encoder
+from service.encoding.encoder import Encoder
+from service.encoding.framing import preprocess
+from service.encoding.matting import Matting
 from service.errors import HofError, InvalidParameter
 from service.formats.mesh.registry import MESH_FORMATS
 from service.formats.points.registry import POINT_FORMATS, Format, PointFormat, write
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
-from service.images import preprocess
 from service.mapping.sampler import Sampler
 from service.mapping.spec import Array, Functions, MappingSpec, joined
-from service.matting import Matting
 from service.points import check_size
 from service.queries import EncodeQuery, MeshQuery, PointsQuery
 from service.settings import POINTS_CEILING, Settings

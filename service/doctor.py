@@ -13,9 +13,9 @@ from sqlalchemy.exc import ArgumentError
 
 from service import database, tracing
 from service.access import keys_of
+from service.encoding.matting import Matting
+from service.encoding.registry import Models
 from service.errors import HofError
-from service.matting import Matting
-from service.models import Models
 from service.routes.viewer import BUNDLE, NOT_BUILT
 from service.settings import MIB, Settings, available_cpus
 

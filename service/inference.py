@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import from_json
 
 from service.batcher import MAX_BATCH
-from service.encoder import Encoder
+from service.encoding.encoder import Encoder
 from service.errors import InvalidInput, InvalidParameter
 from service.mapping.spec import Array, Functions
 from service.problems import field_errors

@@ -5,8 +5,8 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from service.composition import Mode
+from service.encoding.framing import Background
 from service.formats.weights import WeightFormatName
-from service.images import Background
 from service.mapping.canonical import Sampling
 from service.mapping.color import ColorSampler
 from service.mapping.sampler import SCALES, Sampler

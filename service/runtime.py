@@ -13,11 +13,11 @@ from starlette.requests import Request
 
 from service.admission import Gates
 from service.batcher import Batcher
-from service.encoder import Encoder
+from service.encoding.encoder import Encoder
+from service.encoding.matting import Matting
+from service.encoding.registry import Models
 from service.errors import NotReady
-from service.matting import Matting
 from service.metrics import Metrics
-from service.models import Models
 from service.settings import Settings
 from service.store import Store
 from service.vital import Vital

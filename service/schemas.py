@@ -10,8 +10,8 @@ import numpy as np
 from pydantic import BaseModel, Field, computed_field
 from pydantic.json_schema import SkipJsonSchema
 
-from service.encoder import Encoder
-from service.images import Framed, Mask
+from service.encoding.encoder import Encoder
+from service.encoding.framing import Framed, Mask
 from service.mapping.spec import CACHED_SPECS, Activation, Array, Domain, Functions, MappingSpec
 from service.store import Kind, Record
 

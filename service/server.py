@@ -24,11 +24,11 @@ from uvicorn.supervisors import multiprocess
 
 from service import app, database, logs
 from service.access import keys_of
+from service.encoding.matting import Matting
+from service.encoding.registry import Models
 from service.heads import bounded_heads
-from service.matting import Matting
 from service.memory import keep_for_good, share_one_arena
 from service.metrics import shared_by_workers
-from service.models import Models
 from service.settings import Settings
 
 WORKER_START_S: Final = 60  # until a worker has imported all; one that takes longer is started anew, for ever

@@ -19,7 +19,7 @@ from PIL import Image, ImageDraw
 from postgres import Postgres, running_postgres
 
 from service.app import create_app
-from service.encoder import Encoder
+from service.encoding.encoder import Encoder
 from service.heads import bounded_heads
 from service.settings import Settings
 

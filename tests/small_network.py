@@ -1,7 +1,7 @@
 """A network that trains in seconds."""
 
 from model.config import EncoderConfig, TrainConfig
-from service.images import Framing
+from service.encoding.framing import Framing
 from service.mapping.spec import MappingSpec
 
 ENCODER = EncoderConfig(feature_maps=(4, 4, 4), convolutions=1, fully_connected=(32,), rank=8)

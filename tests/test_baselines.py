@@ -11,7 +11,7 @@ from torch import nn
 
 from model.baselines import DIRECT_POINTS, DeepSdf, FoldingNet, Lvc, make_network
 from model.config import Method, TrainConfig
-from service.images import Framing
+from service.encoding.framing import Framing
 from service.mapping.spec import HOF_1
 
 CONFIG = TrainConfig(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from service.batcher import MAX_BATCH, Batcher
-from service.encoder import Encoder
+from service.encoding.encoder import Encoder
 from service.mapping.spec import Array, Functions
 from service.settings import SHIPPED_MODEL
 

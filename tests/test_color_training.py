@@ -20,7 +20,7 @@ from model.export import TOLERANCE, color_parity, export
 from model.networks import ImageEncoder, power
 from model.train import _State
 from model.train_color import Seen, _Learner, see
-from service.encoder import Encoder
+from service.encoding.encoder import Encoder
 from service.mapping.color import ColorSampler
 from service.mapping.spec import HOF_1, MappingSpec
 

@@ -11,7 +11,7 @@ from model.config import TrainConfig
 from model.data.dataset import Bytes, Examples, Shape, draw_batch, load_examples, plain_images
 from model.data.manifest import Entry, Manifest
 from model.data.photographs import photograph_files
-from service.images import Framing
+from service.encoding.framing import Framing
 
 CONFIG = TrainConfig(framing=Framing(size=16), batch=4, points=20, target_points=50)
 OBJECTS = 10

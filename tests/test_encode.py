@@ -15,8 +15,8 @@ import tiny_model
 from conftest import Server, disc, image_file
 from PIL import Image
 
-from service.encoder import Encoder
-from service.images import Framing, preprocess
+from service.encoding.encoder import Encoder
+from service.encoding.framing import Framing, preprocess
 from service.settings import Settings
 
 

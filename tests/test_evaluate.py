@@ -15,8 +15,8 @@ from model.metrics import NAMES, compare
 from model.perturb import CONDITIONS
 from model.records import Record
 from model.train import _State
-from service.encoder import Encoder
-from service.images import Framing
+from service.encoding.encoder import Encoder
+from service.encoding.framing import Framing
 from service.mapping.spec import MappingSpec
 
 

@@ -12,7 +12,7 @@ from model import cli
 from model.checkpoints import load_encoder
 from model.export import TOLERANCE, export
 from model.networks import ImageEncoder
-from service.encoder import Encoder
+from service.encoding.encoder import Encoder
 from service.mapping.spec import MappingSpec
 
 

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image, ImageDraw
 
+from service.encoding.framing import Background, Framing, preprocess
 from service.errors import InvalidParameter, NoObjectFound
-from service.images import Background, Framing, preprocess
 
 FRAMING = Framing(size=64, foreground_ratio=0.85)
 

@@ -10,7 +10,7 @@ from conftest import hof_serve
 from hypothesis import HealthCheck, example, given, seed, settings, strategies
 
 from benchmarks.mutations import MUTATIONS, mutant, mutated, seeds
-from service.images import Framing, preprocess
+from service.encoding.framing import Framing, preprocess
 
 COUNT = 400
 TOO_LARGE = 31  # a number whose image claims more pixels than the limit: one in 200 does

@@ -13,7 +13,7 @@ import tiny_model
 from sqlalchemy.exc import OperationalError
 
 from service.app import create_app
-from service.encoder import Encoder
+from service.encoding.encoder import Encoder
 from service.settings import Settings
 
 

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from PIL import Image, ImageFile
 from PIL.WebPImagePlugin import WebPImageFile
 
+from service.encoding.framing import Framing, decode, preprocess
 from service.errors import CorruptImage, NoObjectFound, TooLarge, UnsupportedMedia
-from service.images import Framing, decode, preprocess
 
 FRAMING = Framing(size=64, foreground_ratio=0.85)
 

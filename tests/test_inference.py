@@ -18,7 +18,7 @@ from tritonclient.http import InferenceServerClient, InferInput, InferRequestedO
 from tritonclient.utils import InferenceServerException
 
 from service.batcher import MAX_BATCH
-from service.images import Framing, preprocess
+from service.encoding.framing import Framing, preprocess
 from service.mapping.spec import Array
 from service.settings import Settings
 

@@ -12,11 +12,11 @@ import skimage.data
 from conftest import disc, image_file, running
 from PIL import Image
 
-from service.encoder import Encoder
+from service.encoding.encoder import Encoder
+from service.encoding.framing import Framing, decode, preprocess
+from service.encoding.matting import KEPT, Matting
 from service.errors import InvalidModel, NoObjectFound
 from service.ids import encoded_id
-from service.images import Framing, decode, preprocess
-from service.matting import KEPT, Matting
 from service.settings import Settings
 
 FRAMING = Framing(size=64, foreground_ratio=0.85)

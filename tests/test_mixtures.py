@@ -17,8 +17,8 @@ from model.metrics import nearest
 from model.mixture_report import section, verdict
 from model.mixtures import AVERAGE, Mixtures, draw_pairs, mixed_words
 from model.perturb import png
-from service.encoder import Encoder
-from service.images import preprocess
+from service.encoding.encoder import Encoder
+from service.encoding.framing import preprocess
 from service.mapping.sampler import Sampler
 from service.mapping.spec import Array, MappingSpec
 

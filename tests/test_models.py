@@ -10,11 +10,11 @@ import pytest
 import tiny_model
 from conftest import running
 
-from service.encoder import Encoder
+from service.encoding.encoder import Encoder
+from service.encoding.framing import Framing, preprocess
+from service.encoding.registry import Models
 from service.errors import InvalidModel
-from service.images import Framing, preprocess
 from service.mapping.spec import MappingSpec
-from service.models import Models
 from service.settings import Settings
 
 OTHER = MappingSpec("tiny", input_dim=3, hidden=(16,), output_dim=3, k=4, domain="sphere")

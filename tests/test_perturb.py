@@ -11,7 +11,7 @@ from PIL import Image
 
 from model.data.manifest import Entry, Manifest
 from model.perturb import CONDITIONS, MARGIN, Condition, condition_views, photographs
-from service.images import Framing, preprocess
+from service.encoding.framing import Framing, preprocess
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,7 @@ from model.networks import ImageEncoder
 from model.pretrained import FINE_MAPS, MAPS, MEAN, SPREAD, Lite0, load_imagenet
 from model.train import _State, _step
 from model.trunk import _unshuffled
-from service.encoder import Encoder
+from service.encoding.encoder import Encoder
 
 ENCODER = replace(small_network.ENCODER, trunk="lite0", joined_maps=4)
 CONFIG = replace(small_network.CONFIG, encoder=ENCODER, batch=4)

@@ -15,7 +15,7 @@ from model.data.photographs import FOLDER, photograph_files
 from model.data.sweethome3d import CATALOGUE, frozen_split, parse_catalogue, sh3f_files, sh3f_records
 from model.records import Record
 from model.report import FOLDER as FIGURES
-from service.encoder import Encoder
+from service.encoding.encoder import Encoder
 
 PROPERTIES = """# comment
 id=SweetHome3D#Test

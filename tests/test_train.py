@@ -25,7 +25,7 @@ from model.losses import chamfer
 from model.records import Record
 from model.retrain import COMPARED
 from model.train import _sizes, _State, _step, train
-from service.encoder import Encoder
+from service.encoding.encoder import Encoder
 from service.errors import InvalidModel
 
 CONFIG = replace(small_network.CONFIG, points=128, target_points=200, learning_rate=3e-3, minutes=0.1)

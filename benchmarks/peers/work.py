@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from service.encoder import Encoder
+from service.encoding.encoder import Encoder
+from service.encoding.framing import preprocess
 from service.ids import encoded_id
-from service.images import preprocess
 from service.mapping.spec import Functions
 from service.schemas import EncodedObject
 from service.settings import SHIPPED_MODEL

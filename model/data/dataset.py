@@ -17,7 +17,7 @@ from model.config import TrainConfig
 from model.data.augment import ANY_LIGHT, Light, augment, oversize
 from model.data.manifest import Entry, Manifest, Split, made_files, variant_files
 from model.data.photographs import photograph_files
-from service.images import Framing, frame
+from service.encoding.framing import Framing, frame
 from service.mapping.canonical import canonical_points
 
 Bytes = npt.NDArray[np.uint8]

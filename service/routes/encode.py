@@ -12,9 +12,9 @@ from starlette.responses import Response
 
 from service.batcher import Batcher
 from service.clients import while_there
-from service.encoder import Encoder
+from service.encoding.encoder import Encoder
+from service.encoding.framing import Framed, preprocess
 from service.ids import encoded_id
-from service.images import Framed, preprocess
 from service.mapping.spec import Functions
 from service.queries import EncodeQuery
 from service.routes.files import BINARY

@@ -10,7 +10,7 @@ from starlette.responses import Response
 from service import __version__
 from service.batcher import Batcher
 from service.clients import while_there
-from service.encoder import Encoder
+from service.encoding.encoder import Encoder
 from service.errors import InvalidParameter, NotFound, UnsupportedMedia
 from service.inference import (
     EXTENSION,

@@ -26,7 +26,7 @@ Background = Literal["auto", "keep", "remove"]
 Mask = Literal["alpha", "border", "matting", "none"]
 Box = tuple[int, int, int, int]
 Matte = npt.NDArray[np.uint8]  # (H, W), 255 where the object surely is
-MattingFunction = Callable[[Image.Image], Matte]  # of an RGB image; service.matting has one
+MattingFunction = Callable[[Image.Image], Matte]  # of an RGB image; service.encoding.matting has one
 
 DEFAULT_MAX_PIXELS: Final = 32_000_000
 MAX_SIDE: Final = 65_535

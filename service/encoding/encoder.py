@@ -8,8 +8,8 @@ from typing import Any, Final
 import numpy as np
 import onnxruntime as ort
 
+from service.encoding.framing import Framing
 from service.errors import InvalidModel, InvalidSpec
-from service.images import Framing
 from service.mapping.spec import Array, Color, Functions, MappingSpec, check_color_spec
 
 FORMAT: Final = 1  # of the metadata; files of before it was written have none

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from service.encoder import Encoder
+from service.encoding.encoder import Encoder
 from service.errors import InvalidModel, InvalidParameter
 
 

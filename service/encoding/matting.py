@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from service.encoder import open_session
+from service.encoding.encoder import open_session
 from service.errors import InvalidModel
 
 SIDE: Final = 320  # of U2-Net's input and output, pixels
