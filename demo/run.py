@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from service.picture import draw
+from service.drawing.cloud import draw
 
 Floats = npt.NDArray[np.float32]
 Bytes = npt.NDArray[np.uint8]

@@ -9,8 +9,8 @@ from model.data.manifest import Split
 from model.metrics import interval
 from model.mixtures import AVERAGE, COPY, FIGURES, PAIRS, POINTS, SHOWN, Mixtures, even_words, measure, mixed_words
 from model.tables import spread, table
+from service.drawing.words import rows_of_words
 from service.encoding.encoder import Encoder
-from service.sheet import rows_of_words
 
 FOLDER: Final = Path("model/results")  # below the project's root
 PREFIX: Final = "mixtures-"  # of the files

@@ -23,10 +23,10 @@ from model.neighbours import Neighbours
 from model.perturb import png
 from model.provenance import provenance
 from model.reference import Training
+from service.drawing.words import rows_of_words, sheet
 from service.encoding.encoder import Encoder
 from service.mapping.sampler import Sampler
 from service.mapping.spec import MappingSpec
-from service.sheet import rows_of_words, sheet
 
 Floats = npt.NDArray[np.float32]
 Values = npt.NDArray[np.float64]

@@ -8,8 +8,8 @@ from PIL import Image, ImageDraw
 from model.classes import EVERYDAY, class_of
 from model.data.preview import flatten
 from model.evaluate import VIEWS, Case, predict
+from service.drawing.cloud import draw
 from service.encoding.encoder import Encoder
-from service.picture import draw
 
 CELL: Final = 160
 LABEL: Final = 16

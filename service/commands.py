@@ -12,6 +12,7 @@ from typing import Any, Final
 from pydantic import BaseModel
 
 from service.composition import Member, check
+from service.drawing.words import MAX_POINTS, label, rows_of_words, sheet
 from service.encoding.encoder import Encoder
 from service.encoding.framing import preprocess
 from service.encoding.matting import Matting
@@ -24,7 +25,6 @@ from service.mapping.spec import Array, Functions, MappingSpec, joined
 from service.points import check_size
 from service.queries import EncodeQuery, MeshQuery, PointsQuery
 from service.settings import POINTS_CEILING, Settings
-from service.sheet import MAX_POINTS, label, rows_of_words, sheet
 
 PICTURE: Final = ".png"
 

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from model.data.manifest import VARIANTS, Entry, Manifest, Split
-from service.picture import draw
+from service.drawing.cloud import draw
 
 NAMES = ("Chair", "Table", "Sofa", "Bed", "Desk lamp", "Cabinet", "Vase")
 VIEWS = 24

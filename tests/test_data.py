@@ -17,7 +17,7 @@ from model.data.preview import preview
 from model.data.render import VIEWS, render
 from model.data.surface import sample_surface
 from model.data.workers import run_isolated
-from service.picture import camera_axes
+from service.drawing.cloud import camera_axes
 
 
 @pytest.fixture

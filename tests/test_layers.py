@@ -27,9 +27,9 @@ ALLOWED = {
         "service.formats",
         "service.encoding.framing",
         "service.mapping",
-        "service.picture",
+        "service.drawing.cloud",
         "service.mapping.sampler",
-        "service.sheet",
+        "service.drawing.words",
         "service.mapping.surface",
     },
     "service": {"service"},
@@ -61,8 +61,8 @@ ALLOWED = {
         "service.mapping.sampler",
         "service.mapping.surface",
     },
-    "service.picture": {"service.mapping"},
-    "service.sheet": {"service.mapping", "service.picture"},
+    "service.drawing.cloud": {"service.mapping"},
+    "service.drawing.words": {"service.mapping", "service.drawing.cloud"},
     "service.routes.viewer": {"service.errors"},
     "service.migrations": {"service.errors"},
     "service.database": {"service.errors", "service.migrations"},
@@ -84,7 +84,7 @@ ALLOWED = {
     "service.keys": {"service.errors"},
     "service.access": {"service.admission", "service.errors", "service.keys", "service.problems", "service.settings"},
     "service.tracing": set(),
-    "demo": {"service.picture"},
+    "demo": {"service.drawing.cloud"},
 }
 
 

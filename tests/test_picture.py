@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from service.picture import EXTENT, FAR, GROUND, NEAR, WIDEST, draw
+from service.drawing.cloud import EXTENT, FAR, GROUND, NEAR, WIDEST, draw
 
 SIZE = 145  # a hundred pixels a unit
 

@@ -7,11 +7,11 @@ import pytest
 from PIL import Image
 
 from service.cli import main
+from service.drawing.cloud import draw
+from service.drawing.words import CELL, LABEL, label, rows_of_words, sheet
 from service.formats.weights import Weights, dump
 from service.mapping.canonical import canonical_points
 from service.mapping.spec import MappingSpec, compose, initial_theta
-from service.picture import draw
-from service.sheet import CELL, LABEL, label, rows_of_words, sheet
 
 N = 2_000
 

@@ -28,7 +28,7 @@ from model.data.variants import (
     vary,
 )
 from model.data.warp import STRETCH, warped
-from service.picture import camera_axes
+from service.drawing.cloud import camera_axes
 
 VIEWS = 3
 OBJECTS = 6  # 4 of the training split, one of each other

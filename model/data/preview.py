@@ -8,7 +8,7 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw
 
 from model.data.manifest import Manifest, variant_files
-from service.picture import draw
+from service.drawing.cloud import draw
 
 VIEWS_SHOWN: Final = (0, 3, 8, 14, 20)
 VARIANT_VIEWS_SHOWN: Final = (0, 1, 2, 3, 4)

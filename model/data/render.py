@@ -14,7 +14,7 @@ from PIL import Image
 from model.data.manifest import SIZE
 from model.data.meshes import MeshRecord, load_parts
 from model.data.surface import material_colour, material_image, sample_surface
-from service.picture import camera_axes
+from service.drawing.cloud import camera_axes
 
 VIEWS: Final = 24
 SUPERSAMPLING: Final = 2

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from service.picture import camera_axes
+from service.drawing.cloud import camera_axes
 
 GRID: Final = 96  # cells a side of a depth image, over a little more than the object frame's diagonal
 REACH: Final = 0.9  # half of that side, longest sides

@@ -5,8 +5,8 @@ from typing import Final
 
 from PIL import Image, ImageDraw, ImageFont
 
+from service.drawing.cloud import draw
 from service.mapping.spec import Array
-from service.picture import draw
 
 Cell = tuple[str, Array]  # label, points (n, 3)
 
