@@ -30,7 +30,7 @@ from service.routes import compose, encode, health, inference, mesh, metrics, ob
 from service.runtime import Runtime
 from service.schemas import RETRY_AFTER, Problem
 from service.settings import Settings
-from service.store import Store
+from service.storage.store import Store
 from service.tracing import telemetry
 
 DESCRIPTION: Final = """\

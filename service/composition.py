@@ -13,10 +13,10 @@ import numpy as np
 
 from service.errors import CorruptWeights, InvalidParameter
 from service.formats.weights import MAX_LABEL
-from service.ids import composed_id, interpolated_id
 from service.mapping.spec import Array, Color, Functions, MappingSpec, joined
 from service.points import check_finite
-from service.store import Record
+from service.storage.ids import composed_id, interpolated_id
+from service.storage.store import Record
 
 Mode = Literal["compose", "interpolate", "all"]
 

@@ -19,7 +19,7 @@ from service.encoding.registry import Models
 from service.errors import NotReady
 from service.metrics import Metrics
 from service.settings import Settings
-from service.store import Store
+from service.storage.store import Store
 from service.vital import Vital
 
 P = ParamSpec("P")

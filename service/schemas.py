@@ -13,7 +13,7 @@ from pydantic.json_schema import SkipJsonSchema
 from service.encoding.encoder import Encoder
 from service.encoding.framing import Framed, Mask
 from service.mapping.spec import CACHED_SPECS, Activation, Array, Domain, Functions, MappingSpec
-from service.store import Kind, Record
+from service.storage.store import Kind, Record
 
 
 class Spec(BaseModel):

@@ -5,7 +5,7 @@ from contextlib import asynccontextmanager
 from datetime import UTC, datetime
 
 from service.mapping.spec import MappingSpec, initial_theta
-from service.store import Record, Store
+from service.storage.store import Record, Store
 
 SPEC = MappingSpec("tiny", 3, (4,), 3, k=2)
 NOW = datetime(2026, 1, 2, 3, 4, 5, 678901, UTC)

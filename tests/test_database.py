@@ -15,9 +15,9 @@ from postgres import Postgres
 from small_store import NOW, open_store
 from sqlalchemy import Connection
 
-from service.database import SQLITE_CONNECTIONS, connect
 from service.mapping.spec import HOF_1, Functions, initial_theta
-from service.store import Record
+from service.storage.database import SQLITE_CONNECTIONS, connect
+from service.storage.store import Record
 
 
 async def _put(url: str, count: int) -> list[bool]:

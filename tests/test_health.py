@@ -56,7 +56,7 @@ def test_a_store_that_does_not_answer_is_not_ready_but_live(
     async def broken(*_: object) -> None:
         raise OperationalError("SELECT 1", {}, OSError("gone"))
 
-    monkeypatch.setattr("service.store.Store.ping", broken)
+    monkeypatch.setattr("service.storage.store.Store.ping", broken)
     answer = client.get("/health/ready")
     assert (answer.status_code, answer.headers["retry-after"]) == (503, "1")
     assert answer.json()["detail"] == "the store does not answer"

@@ -16,8 +16,8 @@ from service.encoding.encoder import Encoder
 from service.encoding.framing import Framing, decode, preprocess
 from service.encoding.matting import KEPT, Matting
 from service.errors import InvalidModel, NoObjectFound
-from service.ids import encoded_id
 from service.settings import Settings
+from service.storage.ids import encoded_id
 
 FRAMING = Framing(size=64, foreground_ratio=0.85)
 DEMO = Path(__file__).parents[1] / "demo"

@@ -13,9 +13,9 @@ from postgres import Postgres
 from small_store import open_store
 from sqlalchemy import Connection, make_url
 
-from service.database import METADATA, connect
 from service.errors import UnusableStore
 from service.mapping.spec import MappingSpec, initial_theta
+from service.storage.database import METADATA, connect
 
 pytestmark = EVERY_DATABASE
 

@@ -82,7 +82,7 @@ def test_a_fault_is_counted_and_answered_with_the_requests_id(
     async def broken(*_: object) -> None:
         raise OSError(5, "Input/output error")
 
-    monkeypatch.setattr("service.store.Store.page", broken)
+    monkeypatch.setattr("service.storage.store.Store.page", broken)
     answer = client.get("/objects", headers={"X-Request-ID": "mine"})
     assert (answer.status_code, answer.headers["x-request-id"]) == (500, "mine")
     assert answer.headers["x-content-type-options"] == "nosniff"

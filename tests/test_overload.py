@@ -18,14 +18,15 @@ from starlette.requests import ClientDisconnect
 from tiny_model import SPEC
 
 from benchmarks.processes import hof, others, serving, threads
-from service import database, vital
+from service import vital
 from service.admission import Gate
-from service.database import SQLITE_CONNECTIONS, OnThreads
 from service.errors import InvalidModel, InvalidParameter, Overloaded
 from service.formats.weights import Weights, dump
 from service.mapping.spec import HOF_1, initial_theta
 from service.points import FIRST_PART, PART, in_flight
 from service.settings import Settings
+from service.storage import database
+from service.storage.database import SQLITE_CONNECTIONS, OnThreads
 
 BIG = "n=10000000&format=f32"
 

@@ -76,7 +76,7 @@ def test_a_fault_in_the_store_gives_no_path_away_and_is_logged(
     async def broken(*_: object) -> None:
         raise OSError(5, "Input/output error", "/var/lib/hof.db")
 
-    monkeypatch.setattr("service.store.Store.page", broken)
+    monkeypatch.setattr("service.storage.store.Store.page", broken)
     answer = client.get("/objects")
     assert answer.status_code == 500
     assert "hof.db" not in answer.text

@@ -13,14 +13,14 @@ from small_store import SPEC, THETA, encoded_record, open_store
 
 from service.errors import InvalidParameter, NotFound
 from service.mapping.spec import HOF_1, Functions, initial_theta
-from service.store import Record
+from service.storage.store import Record
 
 pytestmark = EVERY_DATABASE
 
 ROOT = Path(__file__).parents[1]
 LIST = """
 import asyncio, sys
-from service.store import Store
+from service.storage.store import Store
 
 async def main():
     store = await Store.open(sys.argv[1])

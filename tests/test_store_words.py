@@ -12,7 +12,7 @@ from small_store import NOW, SPEC, THETA, encoded_record, open_store
 
 from service.errors import InUse, NotFound
 from service.mapping.spec import Color, Functions, MappingSpec, initial_theta
-from service.store import Record
+from service.storage.store import Record
 
 pytestmark = EVERY_DATABASE
 

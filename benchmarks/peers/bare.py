@@ -12,7 +12,7 @@ import uvicorn
 from fastapi import FastAPI, Request
 
 from benchmarks.peers.work import Work
-from service.store import Store
+from service.storage.store import Store
 
 
 @asynccontextmanager

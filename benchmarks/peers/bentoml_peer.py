@@ -9,7 +9,7 @@ import bentoml
 from bentoml.validators import ContentType
 
 from benchmarks.peers.work import Work
-from service.store import Store
+from service.storage.store import Store
 
 
 @bentoml.service(workers=1, traffic={"timeout": 60}, logging={"access": {"enabled": False}})

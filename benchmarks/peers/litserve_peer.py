@@ -10,7 +10,7 @@ from fastapi import Body
 
 from benchmarks.peers.work import Work
 from service.batcher import MAX_BATCH
-from service.store import Store
+from service.storage.store import Store
 
 
 class Api(litserve.LitAPI):  # type: ignore[misc]

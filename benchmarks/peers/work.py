@@ -7,11 +7,11 @@ import numpy as np
 
 from service.encoding.encoder import Encoder
 from service.encoding.framing import preprocess
-from service.ids import encoded_id
 from service.mapping.spec import Functions
 from service.schemas import EncodedObject
 from service.settings import SHIPPED_MODEL
-from service.store import Record
+from service.storage.ids import encoded_id
+from service.storage.store import Record
 
 
 class Work:

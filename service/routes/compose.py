@@ -12,13 +12,13 @@ from starlette.responses import Response
 from service.clients import while_there
 from service.composition import Proposal, check_stored, check_values, propose
 from service.errors import InvalidInput, NotFound
-from service.ids import is_id
 from service.mapping.spec import Functions
 from service.points import PROBE_POINTS, check_cost, cost_of
 from service.queries import Composition, NoQuery
 from service.runtime import Ready, Runtime
 from service.schemas import OVERLOADED, ComposedObjects, Problem, StoredObject
-from service.store import Record
+from service.storage.ids import is_id
+from service.storage.store import Record
 from service.uploads import read_body
 
 router = APIRouter()

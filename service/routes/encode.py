@@ -14,13 +14,13 @@ from service.batcher import Batcher
 from service.clients import while_there
 from service.encoding.encoder import Encoder
 from service.encoding.framing import Framed, preprocess
-from service.ids import encoded_id
 from service.mapping.spec import Functions
 from service.queries import EncodeQuery
 from service.routes.files import BINARY
 from service.runtime import Ready, Runtime
 from service.schemas import OVERLOADED, EncodedObject, EncodedWeights, Problem
-from service.store import Record
+from service.storage.ids import encoded_id
+from service.storage.store import Record
 from service.uploads import read_image, size_ahead
 
 router = APIRouter()

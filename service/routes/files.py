@@ -7,8 +7,8 @@ from fastapi import Depends, Path, Response
 
 from service.caching import CACHE_CONTROL
 from service.errors import NotFound
-from service.ids import is_id
 from service.schemas import OVERLOADED, Problem
+from service.storage.ids import is_id
 
 Responses = dict[int | str, dict[str, Any]]
 

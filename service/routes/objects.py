@@ -12,7 +12,6 @@ from service.clients import AdmittedStream, while_there
 from service.errors import InvalidParameter
 from service.formats.points.registry import POINT_FORMATS, negotiate
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
-from service.ids import imported_id
 from service.points import (
     PROBE_POINTS,
     check_cost,
@@ -27,7 +26,8 @@ from service.queries import NoQuery, PageQuery, PointsQuery, WeightsQuery
 from service.routes.files import BINARY, MISSING, NOT_ACCEPTABLE, ObjectId, attachment, cached, file_responses, head
 from service.runtime import Ready
 from service.schemas import OVERLOADED, ObjectPage, Problem, StoredObject
-from service.store import Record
+from service.storage.ids import imported_id
+from service.storage.store import Record
 from service.uploads import read_body, size_ahead
 
 router = APIRouter(prefix="/objects", tags=["objects"])

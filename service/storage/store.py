@@ -15,9 +15,9 @@ from sqlalchemy import Connection, Row, bindparam, select
 from sqlalchemy.exc import DBAPIError, IntegrityError
 from sqlalchemy.exc import TimeoutError as PoolTimeout
 
-from service.database import Database, Work, connect, is_busy, is_full, objects, uses
 from service.errors import InUse, InvalidParameter, NotFound, Overloaded, StoreFull
 from service.mapping.spec import CACHED_SPECS, Array, Color, Functions, MappingSpec, joined
+from service.storage.database import Database, Work, connect, is_busy, is_full, objects, uses
 
 R = TypeVar("R")
 Kind = Literal["encoded", "imported", "composed", "interpolated"]

@@ -166,7 +166,7 @@ async def connect(url: str) -> Database:
     UnusableStore : the URL is none, its driver is missing, the database does not answer or refuses, or a newer
         version made it. The message says what to do.
     """
-    from service.migrations import migrate  # Alembic: what opens no store starts without it
+    from service.storage.migrations import migrate  # Alembic: what opens no store starts without it
 
     parsed = _parse(url)
     try:
