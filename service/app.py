@@ -23,7 +23,6 @@ from service.errors import InvalidParameter
 from service.headers import SecureHeaders, with_cors
 from service.mapping import compiled
 from service.mapping.sampler import hold_blas_to_one_thread
-from service.metrics import Metrics
 from service.observing import Observed, Templates
 from service.openapi import openapi_text
 from service.routes import compose, encode, health, inference, mesh, metrics, objects, viewer
@@ -31,7 +30,8 @@ from service.runtime import Runtime
 from service.schemas import RETRY_AFTER, Problem
 from service.settings import Settings
 from service.storage.store import Store
-from service.tracing import telemetry
+from service.telemetry.metrics import Metrics
+from service.telemetry.tracing import telemetry
 
 DESCRIPTION: Final = """\
 A photo goes in; a function comes out. The image encoder looks at one RGB image and outputs theta, the weights of a

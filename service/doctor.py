@@ -11,7 +11,6 @@ from typing import Final, Literal
 from sqlalchemy import make_url
 from sqlalchemy.exc import ArgumentError
 
-from service import tracing
 from service.access import keys_of
 from service.encoding.matting import Matting
 from service.encoding.registry import Models
@@ -19,6 +18,7 @@ from service.errors import HofError
 from service.routes.viewer import BUNDLE, NOT_BUILT
 from service.settings import MIB, Settings, available_cpus
 from service.storage import database
+from service.telemetry import tracing
 
 State = Literal["ok", "warn", "fail"]
 

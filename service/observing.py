@@ -12,8 +12,8 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.routing import compile_path
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.logs import REQUEST_ID
-from service.metrics import Metrics
+from service.telemetry.logs import REQUEST_ID
+from service.telemetry.metrics import Metrics
 
 logger: Final = logging.getLogger("hof.access")
 

@@ -17,9 +17,9 @@ from service.encoding.encoder import Encoder
 from service.encoding.matting import Matting
 from service.encoding.registry import Models
 from service.errors import NotReady
-from service.metrics import Metrics
 from service.settings import Settings
 from service.storage.store import Store
+from service.telemetry.metrics import Metrics
 from service.vital import Vital
 
 P = ParamSpec("P")

@@ -22,15 +22,16 @@ import uvicorn
 from uvicorn.config import STARTUP_FAILURE
 from uvicorn.supervisors import multiprocess
 
-from service import app, logs
+from service import app
 from service.access import keys_of
 from service.encoding.matting import Matting
 from service.encoding.registry import Models
 from service.heads import bounded_heads
 from service.memory import keep_for_good, share_one_arena
-from service.metrics import shared_by_workers
 from service.settings import Settings
 from service.storage import database
+from service.telemetry import logs
+from service.telemetry.metrics import shared_by_workers
 
 WORKER_START_S: Final = 60  # until a worker has imported all; one that takes longer is started anew, for ever
 

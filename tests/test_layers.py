@@ -77,13 +77,13 @@ ALLOWED = {
     },
     "service.encoding.registry": {"service.encoding.encoder", "service.errors"},
     "service.settings": {"service.encoding.framing"},
-    "service.logs": {"service.settings"},
-    "service.observing": {"service.logs", "service.metrics"},
+    "service.telemetry.logs": {"service.settings"},
+    "service.observing": {"service.telemetry.logs", "service.telemetry.metrics"},
     "service.headers": set(),
     "service.heads": {"service.errors", "service.headers", "service.problems"},
     "service.keys": {"service.errors"},
     "service.access": {"service.admission", "service.errors", "service.keys", "service.problems", "service.settings"},
-    "service.tracing": set(),
+    "service.telemetry.tracing": set(),
     "demo": {"service.drawing.cloud"},
 }
 

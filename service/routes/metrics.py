@@ -7,8 +7,8 @@ from fastapi import APIRouter, Query
 from starlette.requests import Request
 from starlette.responses import Response
 
-from service.metrics import Metrics
 from service.queries import NoQuery
+from service.telemetry.metrics import Metrics
 
 router = APIRouter()
 

@@ -16,7 +16,7 @@ REQUEST_ID: Final[ContextVar[str | None]] = ContextVar("hof_request_id", default
 
 def configuration(log_format: LogFormat, level: str) -> dict[str, Any]:
     """For logging.config.dictConfig: everything of this process goes to stderr in one format."""
-    formatters = {"json": "service.logs.JsonLines", "text": "service.logs.TextLines"}
+    formatters = {"json": "service.telemetry.logs.JsonLines", "text": "service.telemetry.logs.TextLines"}
     return {
         "version": 1,
         "disable_existing_loggers": False,
