@@ -26,8 +26,8 @@ from benchmarks.processes import SERVER_CORE, others, pin_to
 from benchmarks.report import Asked, asked_table
 from benchmarks.timing import in_turn
 from model.provenance import provenance
-from service.batcher import MAX_BATCH, Batcher
 from service.encoding.encoder import Encoder
+from service.runtime.batcher import MAX_BATCH, Batcher
 from service.settings import SHIPPED_MODEL
 
 FOLDER: Final = Path(__file__).resolve().parent

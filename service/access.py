@@ -11,10 +11,10 @@ from limits.strategies import SlidingWindowCounterRateLimiter
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.admission import Gate
 from service.errors import Forbidden, HofError, InvalidKeys, RateLimited, Unauthenticated
 from service.keys import Keys
 from service.problems import respond
+from service.runtime.admission import Gate
 from service.settings import Settings
 
 MAX_DROPPED: Final = 65_536  # bytes of a refused request's body; to take those costs less than another connection

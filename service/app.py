@@ -26,7 +26,7 @@ from service.mapping.sampler import hold_blas_to_one_thread
 from service.observing import Observed, Templates
 from service.openapi import openapi_text
 from service.routes import compose, encode, health, inference, mesh, metrics, objects, viewer
-from service.runtime import Runtime
+from service.runtime.parts import Runtime
 from service.schemas import RETRY_AFTER, Problem
 from service.settings import Settings
 from service.storage.store import Store

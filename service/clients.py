@@ -10,8 +10,8 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import StreamingResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.admission import Gate
 from service.errors import Stalled
+from service.runtime.admission import Gate
 
 R = TypeVar("R")
 

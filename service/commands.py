@@ -11,7 +11,6 @@ from typing import Any, Final
 
 from pydantic import BaseModel
 
-from service.composition import Member, check
 from service.drawing.words import MAX_POINTS, label, rows_of_words, sheet
 from service.encoding.encoder import Encoder
 from service.encoding.framing import preprocess
@@ -22,8 +21,9 @@ from service.formats.points.registry import POINT_FORMATS, Format, PointFormat, 
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
 from service.mapping.sampler import Sampler
 from service.mapping.spec import Array, Functions, MappingSpec, joined
-from service.points import check_size
 from service.queries import EncodeQuery, MeshQuery, PointsQuery
+from service.runtime.composition import Member, check
+from service.runtime.streaming import check_size
 from service.settings import POINTS_CEILING, Settings
 
 PICTURE: Final = ".png"

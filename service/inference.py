@@ -13,11 +13,11 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import from_json
 
-from service.batcher import MAX_BATCH
 from service.encoding.encoder import Encoder
 from service.errors import InvalidInput, InvalidParameter
 from service.mapping.spec import Array, Functions
 from service.problems import field_errors
+from service.runtime.batcher import MAX_BATCH
 
 EXTENSION: Final = "binary_tensor_data"
 HEADER_LENGTH: Final = "Inference-Header-Content-Length"

@@ -4,7 +4,6 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from service.composition import Mode
 from service.encoding.framing import Background
 from service.formats.weights import WeightFormatName
 from service.mapping.canonical import Sampling
@@ -12,7 +11,8 @@ from service.mapping.color import ColorSampler
 from service.mapping.sampler import SCALES, Sampler
 from service.mapping.spec import MAX_K, Functions, MappingSpec, word_of
 from service.mapping.surface import RESOLUTION, RESOLUTIONS, Surface, surface_of
-from service.points import Cloud
+from service.runtime.composition import Mode
+from service.runtime.streaming import Cloud
 from service.settings import POINTS_CEILING
 
 PointFormatName = Literal["ply", "npy", "xyz", "json", "glb", "gltf", "pcd", "f32", "f16"]

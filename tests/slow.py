@@ -6,7 +6,7 @@ from collections.abc import Callable
 from conftest import Server, image_file
 from PIL import Image
 
-from service.runtime import Runtime
+from service.runtime.parts import Runtime
 
 DEADLINE_S = 60
 PATH = "/encode?background=keep"

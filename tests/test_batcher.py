@@ -8,9 +8,9 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from service.batcher import MAX_BATCH, Batcher
 from service.encoding.encoder import Encoder
 from service.mapping.spec import Array, Functions
+from service.runtime.batcher import MAX_BATCH, Batcher
 from service.settings import SHIPPED_MODEL
 
 SCHEDULES = 1_000

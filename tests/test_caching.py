@@ -6,7 +6,7 @@ import pytest
 from service.caching import CACHE_CONTROL, accepts_gzip, etag, is_fresh
 from service.formats.points.registry import Part
 from service.mapping.spec import Array
-from service.points import Cloud
+from service.runtime.streaming import Cloud
 
 KINDS = ["points", "weights"]
 

@@ -22,7 +22,7 @@ from service.formats.points.registry import POINT_FORMATS
 from service.formats.weights import Weights, dump, load
 from service.mapping.canonical import canonical_points
 from service.mapping.spec import Array, Color, Colors, MappingSpec, apply, initial_theta
-from service.points import FIRST_PART
+from service.runtime.streaming import FIRST_PART
 
 N = FIRST_PART + 1000
 SPEC = tiny_model.COLOR_SPEC

@@ -10,11 +10,11 @@ import pytest
 from conftest import EVERY_DATABASE, disc, image_file
 
 from service import mapping
-from service.composition import MAX_WORDS, Member, check
 from service.errors import InvalidParameter
 from service.formats.weights import Weights, dump, load
 from service.mapping.canonical import canonical_points
 from service.mapping.spec import Array, MappingSpec, initial_theta
+from service.runtime.composition import MAX_WORDS, Member, check
 
 SPEC = MappingSpec("small", 3, (8, 8), 3, activation="tanh", k=3, domain="cube")
 UNKNOWN = "0" * 32

@@ -17,9 +17,9 @@ from slow import DEADLINE_S, runtime_of, until
 from tritonclient.http import InferenceServerClient, InferInput, InferRequestedOutput, InferResult
 from tritonclient.utils import InferenceServerException
 
-from service.batcher import MAX_BATCH
 from service.encoding.framing import Framing, preprocess
 from service.mapping.spec import Array
+from service.runtime.batcher import MAX_BATCH
 from service.settings import Settings
 
 MODEL = "/v2/models/tiny-k2"

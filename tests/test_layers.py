@@ -67,12 +67,12 @@ ALLOWED = {
     "service.migrations": {"service.errors"},
     "service.storage.database": {"service.errors", "service.migrations"},
     "service.storage.store": {"service.storage.database", "service.errors", "service.mapping"},
-    "service.composition": {
+    "service.runtime.composition": {
         "service.errors",
         "service.formats",
         "service.storage.ids",
         "service.mapping",
-        "service.points",
+        "service.runtime.streaming",
         "service.storage.store",
     },
     "service.encoding.registry": {"service.encoding.encoder", "service.errors"},
@@ -82,7 +82,13 @@ ALLOWED = {
     "service.headers": set(),
     "service.heads": {"service.errors", "service.headers", "service.problems"},
     "service.keys": {"service.errors"},
-    "service.access": {"service.admission", "service.errors", "service.keys", "service.problems", "service.settings"},
+    "service.access": {
+        "service.runtime.admission",
+        "service.errors",
+        "service.keys",
+        "service.problems",
+        "service.settings",
+    },
     "service.telemetry.tracing": set(),
     "demo": {"service.drawing.cloud"},
 }

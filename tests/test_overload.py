@@ -18,12 +18,12 @@ from starlette.requests import ClientDisconnect
 from tiny_model import SPEC
 
 from benchmarks.processes import hof, others, serving, threads
-from service import vital
-from service.admission import Gate
 from service.errors import InvalidModel, InvalidParameter, Overloaded
 from service.formats.weights import Weights, dump
 from service.mapping.spec import HOF_1, initial_theta
-from service.points import FIRST_PART, PART, in_flight
+from service.runtime import liveness
+from service.runtime.admission import Gate
+from service.runtime.streaming import FIRST_PART, PART, in_flight
 from service.settings import Settings
 from service.storage import database
 from service.storage.database import SQLITE_CONNECTIONS, OnThreads
@@ -259,7 +259,7 @@ def test_however_work_ends_it_is_counted_once(error: BaseException, counted: str
 
 def test_the_time_to_retry_grows_with_the_queue_and_ends_at_a_minute(monkeypatch: pytest.MonkeyPatch) -> None:
     now = 0.0
-    monkeypatch.setattr("service.admission.time.monotonic", lambda: now)
+    monkeypatch.setattr("service.runtime.admission.time.monotonic", lambda: now)
     gate = Gate("images", 20)
 
     def told(held: int) -> int:

@@ -14,13 +14,13 @@ import pytest
 import trimesh
 from conftest import Server, check_refused, running
 
-from service import points as points_module
 from service.formats.points.registry import POINT_FORMATS, Part
 from service.formats.weights import load
 from service.mapping.canonical import canonical_points
 from service.mapping.spec import Array, Functions, MappingSpec, initial_theta, power
-from service.points import FIRST_PART, PART, Cloud
 from service.queries import PointFormatName, PointsQuery
+from service.runtime import streaming as points_module
+from service.runtime.streaming import FIRST_PART, PART, Cloud
 from service.settings import Settings
 
 

@@ -6,8 +6,8 @@ from collections.abc import Callable, Coroutine
 
 import pytest
 
-from service import vital
-from service.vital import Vital
+from service.runtime import liveness
+from service.runtime.liveness import Vital
 
 Ping = Callable[[], Coroutine[None, None, None]]
 

@@ -9,7 +9,7 @@ import litserve
 from fastapi import Body
 
 from benchmarks.peers.work import Work
-from service.batcher import MAX_BATCH
+from service.runtime.batcher import MAX_BATCH
 from service.storage.store import Store
 
 

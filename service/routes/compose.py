@@ -10,12 +10,12 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from service.clients import while_there
-from service.composition import Proposal, check_stored, check_values, propose
 from service.errors import InvalidInput, NotFound
 from service.mapping.spec import Functions
-from service.points import PROBE_POINTS, check_cost, cost_of
 from service.queries import Composition, NoQuery
-from service.runtime import Ready, Runtime
+from service.runtime.composition import Proposal, check_stored, check_values, propose
+from service.runtime.parts import Ready, Runtime
+from service.runtime.streaming import PROBE_POINTS, check_cost, cost_of
 from service.schemas import OVERLOADED, ComposedObjects, Problem, StoredObject
 from service.storage.ids import is_id
 from service.storage.store import Record

@@ -8,9 +8,9 @@ from starlette.requests import Request
 
 from service.errors import NotReady
 from service.queries import ModelQuery, NoQuery
-from service.runtime import Ready
+from service.runtime.liveness import Vital
+from service.runtime.parts import Ready
 from service.schemas import Health, Model, ModelList
-from service.vital import Vital
 
 router = APIRouter()
 

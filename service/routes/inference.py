@@ -8,7 +8,6 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from service import __version__
-from service.batcher import Batcher
 from service.clients import while_there
 from service.encoding.encoder import Encoder
 from service.errors import InvalidParameter, NotFound, UnsupportedMedia
@@ -31,7 +30,8 @@ from service.mapping.spec import Array, Functions
 from service.queries import NoQuery
 from service.routes.files import BINARY
 from service.routes.health import check
-from service.runtime import Ready
+from service.runtime.batcher import Batcher
+from service.runtime.parts import Ready
 from service.schemas import OVERLOADED, Problem
 from service.uploads import read_body, size_ahead
 

@@ -11,10 +11,10 @@ from service.clients import while_there
 from service.formats.mesh.registry import MESH_FORMATS, MeshFormat
 from service.formats.points.registry import negotiate
 from service.mapping.spec import Functions, MappingSpec
-from service.points import check_cost, cost_of
 from service.queries import MeshQuery
 from service.routes.files import NOT_ACCEPTABLE, ObjectId, attachment, cached, file_responses, head
-from service.runtime import Ready
+from service.runtime.parts import Ready
+from service.runtime.streaming import check_cost, cost_of
 
 router = APIRouter(prefix="/objects", tags=["objects"])
 

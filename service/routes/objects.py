@@ -12,7 +12,10 @@ from service.clients import AdmittedStream, while_there
 from service.errors import InvalidParameter
 from service.formats.points.registry import POINT_FORMATS, negotiate
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
-from service.points import (
+from service.queries import NoQuery, PageQuery, PointsQuery, WeightsQuery
+from service.routes.files import BINARY, MISSING, NOT_ACCEPTABLE, ObjectId, attachment, cached, file_responses, head
+from service.runtime.parts import Ready
+from service.runtime.streaming import (
     PROBE_POINTS,
     check_cost,
     check_finite,
@@ -22,9 +25,6 @@ from service.points import (
     in_flight,
     stream,
 )
-from service.queries import NoQuery, PageQuery, PointsQuery, WeightsQuery
-from service.routes.files import BINARY, MISSING, NOT_ACCEPTABLE, ObjectId, attachment, cached, file_responses, head
-from service.runtime import Ready
 from service.schemas import OVERLOADED, ObjectPage, Problem, StoredObject
 from service.storage.ids import imported_id
 from service.storage.store import Record

@@ -11,16 +11,16 @@ from typing import Annotated, ParamSpec, TypeVar
 from fastapi import Depends
 from starlette.requests import Request
 
-from service.admission import Gates
-from service.batcher import Batcher
 from service.encoding.encoder import Encoder
 from service.encoding.matting import Matting
 from service.encoding.registry import Models
 from service.errors import NotReady
+from service.runtime.admission import Gates
+from service.runtime.batcher import Batcher
+from service.runtime.liveness import Vital
 from service.settings import Settings
 from service.storage.store import Store
 from service.telemetry.metrics import Metrics
-from service.vital import Vital
 
 P = ParamSpec("P")
 R = TypeVar("R")
