@@ -15,6 +15,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from service import __version__, problems
 from service.access import Access
+from service.api.routes import compose, encode, health, inference, mesh, metrics, objects, viewer
 from service.clients import Patience
 from service.encoding.framing import ignore_remarks
 from service.encoding.matting import Matting
@@ -25,7 +26,6 @@ from service.mapping import compiled
 from service.mapping.sampler import hold_blas_to_one_thread
 from service.observing import Observed, Templates
 from service.openapi import openapi_text
-from service.routes import compose, encode, health, inference, mesh, metrics, objects, viewer
 from service.runtime.parts import Runtime
 from service.schemas import RETRY_AFTER, Problem
 from service.settings import Settings

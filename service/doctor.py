@@ -12,10 +12,10 @@ from sqlalchemy import make_url
 from sqlalchemy.exc import ArgumentError
 
 from service.access import keys_of
+from service.api.routes.viewer import BUNDLE, NOT_BUILT
 from service.encoding.matting import Matting
 from service.encoding.registry import Models
 from service.errors import HofError
-from service.routes.viewer import BUNDLE, NOT_BUILT
 from service.settings import MIB, Settings, available_cpus
 from service.storage import database
 from service.telemetry import tracing

@@ -63,7 +63,7 @@ ALLOWED = {
     },
     "service.drawing.cloud": {"service.mapping"},
     "service.drawing.words": {"service.mapping", "service.drawing.cloud"},
-    "service.routes.viewer": {"service.errors"},
+    "service.api.routes.viewer": {"service.errors"},
     "service.migrations": {"service.errors"},
     "service.storage.database": {"service.errors", "service.migrations"},
     "service.storage.store": {"service.storage.database", "service.errors", "service.mapping"},

@@ -14,8 +14,8 @@ from browsing import INK, PICTURES, ROOT, TIMEOUT_MS, curl_line, inked, opened, 
 from conftest import running
 from playwright.sync_api import Browser, Page, expect
 
+from service.api.routes import viewer
 from service.mapping.spec import MappingSpec
-from service.routes import viewer
 from service.settings import SHIPPED_MODEL, Settings
 
 

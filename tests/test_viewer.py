@@ -6,10 +6,10 @@ from pathlib import Path
 import httpx
 import pytest
 
+from service.api.routes import viewer
 from service.formats.mesh.registry import MESH_FORMATS
 from service.formats.points.registry import POINT_FORMATS
 from service.formats.weights import WEIGHT_FORMATS
-from service.routes import viewer
 
 OWN = [path for path in viewer.STATIC.iterdir() if path.is_file()]
 INDEX = (viewer.STATIC / "index.html").read_text("utf-8")

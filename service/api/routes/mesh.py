@@ -6,13 +6,13 @@ from fastapi import APIRouter, Query
 from starlette.requests import Request
 from starlette.responses import Response
 
+from service.api.routes.file_answers import NOT_ACCEPTABLE, ObjectId, attachment, cached, file_responses, head
 from service.caching import etag, is_fresh
 from service.clients import while_there
 from service.formats.mesh.registry import MESH_FORMATS, MeshFormat
 from service.formats.points.registry import negotiate
 from service.mapping.spec import Functions, MappingSpec
 from service.queries import MeshQuery
-from service.routes.files import NOT_ACCEPTABLE, ObjectId, attachment, cached, file_responses, head
 from service.runtime.parts import Ready
 from service.runtime.streaming import check_cost, cost_of
 

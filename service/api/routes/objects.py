@@ -7,13 +7,22 @@ from fastapi import APIRouter, Query
 from starlette.requests import Request
 from starlette.responses import Response, StreamingResponse
 
+from service.api.routes.file_answers import (
+    BINARY,
+    MISSING,
+    NOT_ACCEPTABLE,
+    ObjectId,
+    attachment,
+    cached,
+    file_responses,
+    head,
+)
 from service.caching import accepts_gzip, etag, is_fresh
 from service.clients import AdmittedStream, while_there
 from service.errors import InvalidParameter
 from service.formats.points.registry import POINT_FORMATS, negotiate
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
 from service.queries import NoQuery, PageQuery, PointsQuery, WeightsQuery
-from service.routes.files import BINARY, MISSING, NOT_ACCEPTABLE, ObjectId, attachment, cached, file_responses, head
 from service.runtime.parts import Ready
 from service.runtime.streaming import (
     PROBE_POINTS,

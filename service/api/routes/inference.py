@@ -8,6 +8,8 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from service import __version__
+from service.api.routes.file_answers import BINARY
+from service.api.routes.health import check
 from service.clients import while_there
 from service.encoding.encoder import Encoder
 from service.errors import InvalidParameter, NotFound, UnsupportedMedia
@@ -28,8 +30,6 @@ from service.inference import (
 )
 from service.mapping.spec import Array, Functions
 from service.queries import NoQuery
-from service.routes.files import BINARY
-from service.routes.health import check
 from service.runtime.batcher import Batcher
 from service.runtime.parts import Ready
 from service.schemas import OVERLOADED, Problem

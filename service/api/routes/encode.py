@@ -10,12 +10,12 @@ from fastapi import APIRouter, Query
 from starlette.requests import Request
 from starlette.responses import Response
 
+from service.api.routes.file_answers import BINARY
 from service.clients import while_there
 from service.encoding.encoder import Encoder
 from service.encoding.framing import Framed, preprocess
 from service.mapping.spec import Functions
 from service.queries import EncodeQuery
-from service.routes.files import BINARY
 from service.runtime.batcher import Batcher
 from service.runtime.parts import Ready, Runtime
 from service.schemas import OVERLOADED, EncodedObject, EncodedWeights, Problem
