@@ -16,7 +16,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from service import __version__, problems
 from service.access import Access
 from service.api.routes import compose, encode, health, inference, mesh, metrics, objects, viewer
-from service.clients import Patience
+from service.api.wire.disconnects import Patience
 from service.encoding.framing import ignore_remarks
 from service.encoding.matting import Matting
 from service.encoding.registry import Models

@@ -1,6 +1,6 @@
 """Request heads, bounded in bytes and in time: uvicorn reads one of any size and waits for it for ever.
 
-A body's bytes and times are bounded where it is read (`service.uploads`, `service.clients`).
+A body's bytes and times are bounded where it is read (`service.api.wire.uploads`, `service.api.wire.disconnects`).
 """
 
 import asyncio

@@ -3,7 +3,7 @@
 import httpx
 import pytest
 
-from service.caching import CACHE_CONTROL, accepts_gzip, etag, is_fresh
+from service.api.wire.caching import CACHE_CONTROL, accepts_gzip, etag, is_fresh
 from service.formats.points.registry import Part
 from service.mapping.spec import Array
 from service.runtime.streaming import Cloud

@@ -9,7 +9,8 @@ from pydantic import ValidationError
 from starlette.requests import Request
 from starlette.responses import Response
 
-from service.clients import while_there
+from service.api.wire.disconnects import while_there
+from service.api.wire.uploads import read_body
 from service.errors import InvalidInput, NotFound
 from service.mapping.spec import Functions
 from service.queries import Composition, NoQuery
@@ -19,7 +20,6 @@ from service.runtime.streaming import PROBE_POINTS, check_cost, cost_of
 from service.schemas import OVERLOADED, ComposedObjects, Problem, StoredObject
 from service.storage.ids import is_id
 from service.storage.store import Record
-from service.uploads import read_body
 
 router = APIRouter()
 

@@ -11,7 +11,8 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from service.api.routes.file_answers import BINARY
-from service.clients import while_there
+from service.api.wire.disconnects import while_there
+from service.api.wire.uploads import read_image, size_ahead
 from service.encoding.encoder import Encoder
 from service.encoding.framing import Framed, preprocess
 from service.mapping.spec import Functions
@@ -21,7 +22,6 @@ from service.runtime.parts import Ready, Runtime
 from service.schemas import OVERLOADED, EncodedObject, EncodedWeights, Problem
 from service.storage.ids import encoded_id
 from service.storage.store import Record
-from service.uploads import read_image, size_ahead
 
 router = APIRouter()
 

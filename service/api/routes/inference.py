@@ -10,7 +10,8 @@ from starlette.responses import Response
 from service import __version__
 from service.api.routes.file_answers import BINARY
 from service.api.routes.health import check
-from service.clients import while_there
+from service.api.wire.disconnects import while_there
+from service.api.wire.uploads import read_body, size_ahead
 from service.encoding.encoder import Encoder
 from service.errors import InvalidParameter, NotFound, UnsupportedMedia
 from service.inference import (
@@ -33,7 +34,6 @@ from service.queries import NoQuery
 from service.runtime.batcher import Batcher
 from service.runtime.parts import Ready
 from service.schemas import OVERLOADED, Problem
-from service.uploads import read_body, size_ahead
 
 router = APIRouter(prefix="/v2", tags=["inference"])
 

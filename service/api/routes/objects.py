@@ -17,8 +17,9 @@ from service.api.routes.file_answers import (
     file_responses,
     head,
 )
-from service.caching import accepts_gzip, etag, is_fresh
-from service.clients import AdmittedStream, while_there
+from service.api.wire.caching import accepts_gzip, etag, is_fresh
+from service.api.wire.disconnects import AdmittedStream, while_there
+from service.api.wire.uploads import read_body, size_ahead
 from service.errors import InvalidParameter
 from service.formats.points.registry import POINT_FORMATS, negotiate
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
@@ -37,7 +38,6 @@ from service.runtime.streaming import (
 from service.schemas import OVERLOADED, ObjectPage, Problem, StoredObject
 from service.storage.ids import imported_id
 from service.storage.store import Record
-from service.uploads import read_body, size_ahead
 
 router = APIRouter(prefix="/objects", tags=["objects"])
 
