@@ -14,17 +14,17 @@ from starlette.routing import Mount, Route
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from service import __version__, problems
-from service.access import Access
+from service.api.middleware.access import Access
+from service.api.middleware.observe import Observed, Templates
+from service.api.middleware.security_headers import SecureHeaders, with_cors
 from service.api.routes import compose, encode, health, inference, mesh, metrics, objects, viewer
 from service.api.wire.disconnects import Patience
 from service.encoding.framing import ignore_remarks
 from service.encoding.matting import Matting
 from service.encoding.registry import Models
 from service.errors import InvalidParameter
-from service.headers import SecureHeaders, with_cors
 from service.mapping import compiled
 from service.mapping.sampler import hold_blas_to_one_thread
-from service.observing import Observed, Templates
 from service.openapi import openapi_text
 from service.runtime.parts import Runtime
 from service.schemas import RETRY_AFTER, Problem

@@ -11,7 +11,7 @@ from typing import Final, Literal
 from sqlalchemy import make_url
 from sqlalchemy.exc import ArgumentError
 
-from service.access import keys_of
+from service.api.middleware.access import keys_of
 from service.api.routes.viewer import BUNDLE, NOT_BUILT
 from service.encoding.matting import Matting
 from service.encoding.registry import Models

@@ -11,8 +11,8 @@ from typing import Any, Final, cast
 from starlette.datastructures import MutableHeaders
 from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol
 
+from service.api.middleware.security_headers import SECURE
 from service.errors import HeadTooLarge, HofError, InvalidInput, Stalled
-from service.headers import SECURE
 from service.problems import respond
 
 logger: Final = logging.getLogger("hof.access")

@@ -23,7 +23,7 @@ from uvicorn.config import STARTUP_FAILURE
 from uvicorn.supervisors import multiprocess
 
 from service import app
-from service.access import keys_of
+from service.api.middleware.access import keys_of
 from service.encoding.matting import Matting
 from service.encoding.registry import Models
 from service.heads import bounded_heads
@@ -84,7 +84,7 @@ class Config(uvicorn.Config):
             http=bounded_heads(settings.client_timeout_s),
             ws="none",
             log_config=logs.configuration(settings.log_format, settings.log_level),
-            access_log=False,  # service.observing has one
+            access_log=False,  # service.api.middleware.observe has one
             timeout_worker_healthcheck=WORKER_START_S,
             timeout_graceful_shutdown=settings.shutdown_s,
         )

@@ -12,7 +12,7 @@ import pytest
 from conftest import running
 from raw_sockets import next_status
 
-from service.access import MAX_DROPPED
+from service.api.middleware.access import MAX_DROPPED
 from service.cli import main
 from service.errors import InvalidKeys
 from service.keys import Keys, make_key

@@ -4,7 +4,7 @@ import httpx
 import pytest
 from conftest import running
 
-from service.headers import SECURE
+from service.api.middleware.security_headers import SECURE
 from service.settings import Settings
 
 SHOP = "https://shop.example"

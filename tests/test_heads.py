@@ -13,7 +13,7 @@ from conftest import Server, hof_serve, running
 from raw_sockets import connect, next_status, rest
 from slow import DEADLINE_S, runtime_of, until
 
-from service.headers import SECURE
+from service.api.middleware.security_headers import SECURE
 from service.heads import MAX_HEAD_BYTES, PUNCTUATION
 from service.settings import Settings
 

@@ -21,7 +21,7 @@ from raw_sockets import connect, rest
 from slow import until
 
 from benchmarks.processes import reset_peak, status_bytes
-from service.observing import MAX_PATH
+from service.api.middleware.observe import MAX_PATH
 
 MIB = 2**20
 SIDE = 8_000  # 64 megapixels

@@ -78,11 +78,11 @@ ALLOWED = {
     "service.encoding.registry": {"service.encoding.encoder", "service.errors"},
     "service.settings": {"service.encoding.framing"},
     "service.telemetry.logs": {"service.settings"},
-    "service.observing": {"service.telemetry.logs", "service.telemetry.metrics"},
-    "service.headers": set(),
-    "service.heads": {"service.errors", "service.headers", "service.problems"},
+    "service.api.middleware.observe": {"service.telemetry.logs", "service.telemetry.metrics"},
+    "service.api.middleware.security_headers": set(),
+    "service.heads": {"service.errors", "service.api.middleware.security_headers", "service.problems"},
     "service.keys": {"service.errors"},
-    "service.access": {
+    "service.api.middleware.access": {
         "service.runtime.admission",
         "service.errors",
         "service.keys",

@@ -10,7 +10,7 @@ from conftest import Server, disc, image_file
 from prometheus_client.parser import text_string_to_metric_families
 from slow import until
 
-from service.observing import Templates
+from service.api.middleware.observe import Templates
 
 
 def figures(client: httpx.Client) -> dict[tuple[str, ...], float]:
