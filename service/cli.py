@@ -9,12 +9,12 @@ from typing import Final, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 
 from service import __version__, commands
+from service.api.keys import SCOPES, make_key
 from service.encoding.framing import Background
 from service.errors import HofError
 from service.formats.mesh.registry import MESH_FORMATS
 from service.formats.points.registry import POINT_FORMATS
 from service.formats.weights import WEIGHT_FORMATS
-from service.keys import SCOPES, make_key
 from service.queries import MeshQuery, PointsQuery
 from service.settings import Settings
 
@@ -160,7 +160,7 @@ def _key(arguments: argparse.Namespace) -> None:
 
 def _openapi(arguments: argparse.Namespace) -> None:
     """Print the API's schema: openapi.json."""
-    from service.app import create_app  # not needed by the other commands
-    from service.openapi import openapi_text
+    from service.api.app import create_app  # not needed by the other commands
+    from service.api.openapi import openapi_text
 
     sys.stdout.write(openapi_text(create_app(Settings())))

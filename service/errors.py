@@ -1,4 +1,4 @@
-"""What can go wrong, as classes; `service.app` turns each into its HTTP status.
+"""What can go wrong, as classes; `service.api.app` turns each into its HTTP status.
 
     HofError                    500
     ├── InvalidInput            400  bytes that are not what they claim to be

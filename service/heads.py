@@ -12,8 +12,8 @@ from starlette.datastructures import MutableHeaders
 from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol
 
 from service.api.middleware.security_headers import SECURE
+from service.api.problems import respond
 from service.errors import HeadTooLarge, HofError, InvalidInput, Stalled
-from service.problems import respond
 
 logger: Final = logging.getLogger("hof.access")
 

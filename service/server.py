@@ -22,7 +22,7 @@ import uvicorn
 from uvicorn.config import STARTUP_FAILURE
 from uvicorn.supervisors import multiprocess
 
-from service import app
+from service.api import app
 from service.api.middleware.access import keys_of
 from service.encoding.matting import Matting
 from service.encoding.registry import Models

@@ -18,7 +18,7 @@ import uvicorn
 from PIL import Image, ImageDraw
 from postgres import Postgres, running_postgres
 
-from service.app import create_app
+from service.api.app import create_app
 from service.encoding.encoder import Encoder
 from service.heads import bounded_heads
 from service.settings import Settings

@@ -12,10 +12,10 @@ import pytest
 from conftest import running
 from raw_sockets import next_status
 
+from service.api.keys import Keys, make_key
 from service.api.middleware.access import MAX_DROPPED
 from service.cli import main
 from service.errors import InvalidKeys
-from service.keys import Keys, make_key
 from service.settings import Settings
 
 SCOPES = {"reader": {"read"}, "writer": {"read", "write"}, "prometheus": {"metrics"}}

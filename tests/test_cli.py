@@ -11,11 +11,11 @@ import tiny_model
 from conftest import disc, image_file
 
 from service import server
+from service.api.keys import make_key
 from service.cli import main
 from service.formats.mesh.registry import MESH_FORMATS
 from service.formats.points.registry import POINT_FORMATS
 from service.formats.weights import Weights, dump, load
-from service.keys import make_key
 from service.mapping.spec import MappingSpec, initial_theta
 from service.settings import Settings
 
@@ -251,7 +251,7 @@ def test_every_setting_is_a_flag_of_serve(
     (tmp_path / "keys").write_text(make_key("a", frozenset({"read"}))[1].line)
     assert values.keys() == Settings.model_fields.keys()
     seen: list[Settings] = []
-    monkeypatch.setattr("service.app.create_app", seen.append)
+    monkeypatch.setattr("service.api.app.create_app", seen.append)
 
     def run(stopped: server.Server) -> None:
         assert isinstance(stopped.config.app, partial)

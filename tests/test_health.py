@@ -12,7 +12,7 @@ import pytest
 import tiny_model
 from sqlalchemy.exc import OperationalError
 
-from service.app import create_app
+from service.api.app import create_app
 from service.encoding.encoder import Encoder
 from service.settings import Settings
 

@@ -13,7 +13,7 @@ from typing import Any
 import httpx
 from conftest import hof_serve
 
-from service.keys import make_key
+from service.api.keys import make_key
 
 
 @contextmanager

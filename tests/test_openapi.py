@@ -7,8 +7,8 @@ from typing import Any
 import httpx
 import pytest
 
-from service.app import create_app
-from service.openapi import openapi_text
+from service.api.app import create_app
+from service.api.openapi import openapi_text
 from service.settings import Settings
 
 COMMITTED = Path(__file__).parents[1] / "openapi.json"

@@ -6,7 +6,7 @@ from browsing import PICTURES, TIMEOUT_MS, curl_line, opened, photo, pixels
 from conftest import running
 from playwright.sync_api import Browser, Page, expect
 
-from service.keys import make_key
+from service.api.keys import make_key
 from service.settings import Settings
 
 

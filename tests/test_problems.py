@@ -8,7 +8,8 @@ import pytest
 from fastapi import FastAPI
 from slow import until
 
-from service import errors, problems
+from service import errors
+from service.api import problems
 
 
 def _classes(root: type[errors.HofError] = errors.HofError) -> Iterator[type[errors.HofError]]:

@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from service.api.responses import EncodedObject
 from service.encoding.encoder import Encoder
 from service.encoding.framing import preprocess
 from service.mapping.spec import Functions
-from service.schemas import EncodedObject
 from service.settings import SHIPPED_MODEL
 from service.storage.ids import encoded_id
 from service.storage.store import Record

@@ -11,9 +11,9 @@ from limits.strategies import SlidingWindowCounterRateLimiter
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from service.api.keys import Keys
+from service.api.problems import respond
 from service.errors import Forbidden, HofError, InvalidKeys, RateLimited, Unauthenticated
-from service.keys import Keys
-from service.problems import respond
 from service.runtime.admission import Gate
 from service.settings import Settings
 

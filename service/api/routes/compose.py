@@ -9,6 +9,7 @@ from pydantic import ValidationError
 from starlette.requests import Request
 from starlette.responses import Response
 
+from service.api.responses import OVERLOADED, ComposedObjects, Problem, StoredObject
 from service.api.wire.disconnects import while_there
 from service.api.wire.uploads import read_body
 from service.errors import InvalidInput, NotFound
@@ -17,7 +18,6 @@ from service.queries import Composition, NoQuery
 from service.runtime.composition import Proposal, check_stored, check_values, propose
 from service.runtime.parts import Ready, Runtime
 from service.runtime.streaming import PROBE_POINTS, check_cost, cost_of
-from service.schemas import OVERLOADED, ComposedObjects, Problem, StoredObject
 from service.storage.ids import is_id
 from service.storage.store import Record
 

@@ -10,6 +10,7 @@ from fastapi import APIRouter, Query
 from starlette.requests import Request
 from starlette.responses import Response
 
+from service.api.responses import OVERLOADED, EncodedObject, EncodedWeights, Problem
 from service.api.routes.file_answers import BINARY
 from service.api.wire.disconnects import while_there
 from service.api.wire.uploads import read_image, size_ahead
@@ -19,7 +20,6 @@ from service.mapping.spec import Functions
 from service.queries import EncodeQuery
 from service.runtime.batcher import Batcher
 from service.runtime.parts import Ready, Runtime
-from service.schemas import OVERLOADED, EncodedObject, EncodedWeights, Problem
 from service.storage.ids import encoded_id
 from service.storage.store import Record
 

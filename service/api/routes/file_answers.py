@@ -5,9 +5,9 @@ from typing import Annotated, Any, Final, Protocol
 
 from fastapi import Depends, Path, Response
 
+from service.api.responses import OVERLOADED, Problem
 from service.api.wire.caching import CACHE_CONTROL
 from service.errors import NotFound
-from service.schemas import OVERLOADED, Problem
 from service.storage.ids import is_id
 
 Responses = dict[int | str, dict[str, Any]]

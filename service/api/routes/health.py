@@ -6,11 +6,11 @@ from typing import Annotated
 from fastapi import APIRouter, Query
 from starlette.requests import Request
 
+from service.api.responses import Health, Model, ModelList
 from service.errors import NotReady
 from service.queries import ModelQuery, NoQuery
 from service.runtime.liveness import Vital
 from service.runtime.parts import Ready
-from service.schemas import Health, Model, ModelList
 
 router = APIRouter()
 

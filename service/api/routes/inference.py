@@ -8,13 +8,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from service import __version__
-from service.api.routes.file_answers import BINARY
-from service.api.routes.health import check
-from service.api.wire.disconnects import while_there
-from service.api.wire.uploads import read_body, size_ahead
-from service.encoding.encoder import Encoder
-from service.errors import InvalidParameter, NotFound, UnsupportedMedia
-from service.inference import (
+from service.api.inference_protocol import (
     EXTENSION,
     HEADER_LENGTH,
     InferenceModel,
@@ -29,11 +23,17 @@ from service.inference import (
     request_schema,
     tensors,
 )
+from service.api.responses import OVERLOADED, Problem
+from service.api.routes.file_answers import BINARY
+from service.api.routes.health import check
+from service.api.wire.disconnects import while_there
+from service.api.wire.uploads import read_body, size_ahead
+from service.encoding.encoder import Encoder
+from service.errors import InvalidParameter, NotFound, UnsupportedMedia
 from service.mapping.spec import Array, Functions
 from service.queries import NoQuery
 from service.runtime.batcher import Batcher
 from service.runtime.parts import Ready
-from service.schemas import OVERLOADED, Problem
 
 router = APIRouter(prefix="/v2", tags=["inference"])
 

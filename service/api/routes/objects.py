@@ -7,6 +7,7 @@ from fastapi import APIRouter, Query
 from starlette.requests import Request
 from starlette.responses import Response, StreamingResponse
 
+from service.api.responses import OVERLOADED, ObjectPage, Problem, StoredObject
 from service.api.routes.file_answers import (
     BINARY,
     MISSING,
@@ -35,7 +36,6 @@ from service.runtime.streaming import (
     in_flight,
     stream,
 )
-from service.schemas import OVERLOADED, ObjectPage, Problem, StoredObject
 from service.storage.ids import imported_id
 from service.storage.store import Record
 

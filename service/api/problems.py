@@ -14,8 +14,8 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 from starlette.routing import compile_path
 
+from service.api.responses import FieldError, Problem
 from service.errors import HofError, InvalidParameter, TryLater
-from service.schemas import FieldError, Problem
 
 logger: Final = logging.getLogger("hof")
 

@@ -13,10 +13,13 @@ from starlette.responses import Response
 from starlette.routing import Mount, Route
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from service import __version__, problems
+from service import __version__
+from service.api import problems
 from service.api.middleware.access import Access
 from service.api.middleware.observe import Observed, Templates
 from service.api.middleware.security_headers import SecureHeaders, with_cors
+from service.api.openapi import openapi_text
+from service.api.responses import RETRY_AFTER, Problem
 from service.api.routes import compose, encode, health, inference, mesh, metrics, objects, viewer
 from service.api.wire.disconnects import Patience
 from service.encoding.framing import ignore_remarks
@@ -25,9 +28,7 @@ from service.encoding.registry import Models
 from service.errors import InvalidParameter
 from service.mapping import compiled
 from service.mapping.sampler import hold_blas_to_one_thread
-from service.openapi import openapi_text
 from service.runtime.parts import Runtime
-from service.schemas import RETRY_AFTER, Problem
 from service.settings import Settings
 from service.storage.store import Store
 from service.telemetry.metrics import Metrics

@@ -13,10 +13,10 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import from_json
 
+from service.api.problems import field_errors
 from service.encoding.encoder import Encoder
 from service.errors import InvalidInput, InvalidParameter
 from service.mapping.spec import Array, Functions
-from service.problems import field_errors
 from service.runtime.batcher import MAX_BATCH
 
 EXTENSION: Final = "binary_tensor_data"
