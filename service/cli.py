@@ -15,7 +15,7 @@ from service.errors import HofError
 from service.formats.mesh.registry import MESH_FORMATS
 from service.formats.points.registry import POINT_FORMATS
 from service.formats.weights import WEIGHT_FORMATS
-from service.queries import MeshQuery, PointsQuery
+from service.options import MeshQuery, PointsQuery
 from service.settings import Settings
 
 FAILED: Final = 2

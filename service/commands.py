@@ -21,7 +21,7 @@ from service.formats.points.registry import POINT_FORMATS, Format, PointFormat, 
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
 from service.mapping.sampler import Sampler
 from service.mapping.spec import Array, Functions, MappingSpec, joined
-from service.queries import EncodeQuery, MeshQuery, PointsQuery
+from service.options import EncodeQuery, MeshQuery, PointsQuery
 from service.runtime.composition import Member, check
 from service.runtime.streaming import check_size
 from service.settings import POINTS_CEILING, Settings

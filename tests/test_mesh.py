@@ -17,7 +17,7 @@ from service.formats.weights import load
 from service.mapping.sampler import Sampler
 from service.mapping.spec import word_of
 from service.mapping.surface import RESOLUTIONS, surface_of
-from service.queries import MeshFormatName
+from service.options import MeshFormatName
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ from service.formats.points.registry import POINT_FORMATS, Part
 from service.formats.weights import load
 from service.mapping.canonical import canonical_points
 from service.mapping.spec import Array, Functions, MappingSpec, initial_theta, power
-from service.queries import PointFormatName, PointsQuery
+from service.options import PointFormatName, PointsQuery
 from service.runtime import streaming as points_module
 from service.runtime.streaming import FIRST_PART, PART, Cloud
 from service.settings import Settings

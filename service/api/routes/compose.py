@@ -14,7 +14,7 @@ from service.api.wire.disconnects import while_there
 from service.api.wire.uploads import read_body
 from service.errors import InvalidInput, NotFound
 from service.mapping.spec import Functions
-from service.queries import Composition, NoQuery
+from service.options import Composition, NoQuery
 from service.runtime.composition import Proposal, check_stored, check_values, propose
 from service.runtime.parts import Ready, Runtime
 from service.runtime.streaming import PROBE_POINTS, check_cost, cost_of

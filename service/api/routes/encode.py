@@ -17,7 +17,7 @@ from service.api.wire.uploads import read_image, size_ahead
 from service.encoding.encoder import Encoder
 from service.encoding.framing import Framed, preprocess
 from service.mapping.spec import Functions
-from service.queries import EncodeQuery
+from service.options import EncodeQuery
 from service.runtime.batcher import Batcher
 from service.runtime.parts import Ready, Runtime
 from service.storage.ids import encoded_id

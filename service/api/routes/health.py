@@ -8,7 +8,7 @@ from starlette.requests import Request
 
 from service.api.responses import Health, Model, ModelList
 from service.errors import NotReady
-from service.queries import ModelQuery, NoQuery
+from service.options import ModelQuery, NoQuery
 from service.runtime.liveness import Vital
 from service.runtime.parts import Ready
 

@@ -31,7 +31,7 @@ from service.api.wire.uploads import read_body, size_ahead
 from service.encoding.encoder import Encoder
 from service.errors import InvalidParameter, NotFound, UnsupportedMedia
 from service.mapping.spec import Array, Functions
-from service.queries import NoQuery
+from service.options import NoQuery
 from service.runtime.batcher import Batcher
 from service.runtime.parts import Ready
 

@@ -12,7 +12,7 @@ from service.api.wire.disconnects import while_there
 from service.formats.mesh.registry import MESH_FORMATS, MeshFormat
 from service.formats.points.registry import negotiate
 from service.mapping.spec import Functions, MappingSpec
-from service.queries import MeshQuery
+from service.options import MeshQuery
 from service.runtime.parts import Ready
 from service.runtime.streaming import check_cost, cost_of
 

@@ -24,7 +24,7 @@ from service.api.wire.uploads import read_body, size_ahead
 from service.errors import InvalidParameter
 from service.formats.points.registry import POINT_FORMATS, negotiate
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
-from service.queries import NoQuery, PageQuery, PointsQuery, WeightsQuery
+from service.options import NoQuery, PageQuery, PointsQuery, WeightsQuery
 from service.runtime.parts import Ready
 from service.runtime.streaming import (
     PROBE_POINTS,
