@@ -135,7 +135,7 @@ def _add_fields(parser: argparse.ArgumentParser, model: type[BaseModel], names: 
 
 def _serve(arguments: argparse.Namespace) -> None:
     """Serve the API. Each flag has an environment variable, in brackets."""
-    from service.server import serve  # not needed by the other commands, which should start fast
+    from service.server.serve import serve  # not needed by the other commands, which should start fast
 
     serve(commands.settings_of(arguments))
 

@@ -20,7 +20,7 @@ from postgres import Postgres, running_postgres
 
 from service.api.app import create_app
 from service.encoding.encoder import Encoder
-from service.heads import bounded_heads
+from service.server.http_protocol import bounded_heads
 from service.settings import Settings
 
 EVERY_DATABASE = pytest.mark.parametrize("database_url", ["sqlite", "postgresql"], indirect=True)

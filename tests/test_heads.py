@@ -14,7 +14,7 @@ from raw_sockets import connect, next_status, rest
 from slow import DEADLINE_S, runtime_of, until
 
 from service.api.middleware.security_headers import SECURE
-from service.heads import MAX_HEAD_BYTES, PUNCTUATION
+from service.server.http_protocol import MAX_HEAD_BYTES, PUNCTUATION
 from service.settings import Settings
 
 LINE = b"GET /health/live HTTP/1.1\r\nHost: x\r\n"

@@ -80,7 +80,11 @@ ALLOWED = {
     "service.telemetry.logs": {"service.settings"},
     "service.api.middleware.observe": {"service.telemetry.logs", "service.telemetry.metrics"},
     "service.api.middleware.security_headers": set(),
-    "service.heads": {"service.errors", "service.api.middleware.security_headers", "service.api.problems"},
+    "service.server.http_protocol": {
+        "service.errors",
+        "service.api.middleware.security_headers",
+        "service.api.problems",
+    },
     "service.api.keys": {"service.errors"},
     "service.api.middleware.access": {
         "service.runtime.admission",

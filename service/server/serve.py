@@ -26,8 +26,8 @@ from service.api import app
 from service.api.middleware.access import keys_of
 from service.encoding.matting import Matting
 from service.encoding.registry import Models
-from service.heads import bounded_heads
-from service.memory import keep_for_good, share_one_arena
+from service.server.http_protocol import bounded_heads
+from service.server.memory import keep_for_good, share_one_arena
 from service.settings import Settings
 from service.storage import database
 from service.telemetry import logs
