@@ -20,7 +20,7 @@ from service.settings import MIB
 
 OVERLOAD: Final = 3  # times the peak
 CLIENTS: Final = (16, 64)  # of a closed loop
-PATIENT: Final = "import sys; sys.setswitchinterval(0.02); from service.cli import main; main(sys.argv[1:])"
+PATIENT: Final = "import sys; sys.setswitchinterval(0.02); from service.cli.main import main; main(sys.argv[1:])"
 TRIED: Final = {  # commands whose servers might lose less to the photos that they turn away
     "as shipped": hof(threads=1),
     "a queue of 16 photos, not 128": hof(threads=1, max_queued_images=16),

@@ -14,7 +14,7 @@ from raw_sockets import next_status
 
 from service.api.keys import Keys, make_key
 from service.api.middleware.access import MAX_DROPPED
-from service.cli import main
+from service.cli.main import main
 from service.errors import InvalidKeys
 from service.settings import Settings
 

@@ -12,7 +12,7 @@ from conftest import disc, image_file
 
 from service import server
 from service.api.keys import make_key
-from service.cli import main
+from service.cli.main import main
 from service.formats.mesh.registry import MESH_FORMATS
 from service.formats.points.registry import POINT_FORMATS
 from service.formats.weights import Weights, dump, load
@@ -213,7 +213,7 @@ def test_a_write_that_fails_leaves_the_old_file(here: Path, monkeypatch: pytest.
         yield b"half"
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("service.commands.write", broken)
+    monkeypatch.setattr("service.cli.files.write", broken)
     before = sorted(here.iterdir())
     assert main(["encode", "photo.png", "-o", "out.ply"]) == 2
     assert sorted(here.iterdir()) == before

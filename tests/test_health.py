@@ -80,7 +80,7 @@ class Blocker(importlib.abc.MetaPathFinder):
             raise ImportError(f"{name} is not installed here")
 
 sys.meta_path.insert(0, Blocker())
-from service.cli import main
+from service.cli.main import main
 sys.exit(main(sys.argv[1:]))
 """
 

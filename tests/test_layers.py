@@ -170,7 +170,7 @@ def site(tmp_path: Path) -> Path:
 BARE = """
 import sys
 sys.path = [sys.argv.pop(1), *(path for path in sys.path if "site-packages" not in path)]
-from service.cli import main
+from service.cli.main import main
 status = main(sys.argv[1:])
 assert not {"torch", "model", "onnx", "scipy", "safetensors"} & set(sys.modules)
 sys.exit(status)

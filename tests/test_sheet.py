@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from service.cli import main
+from service.cli.main import main
 from service.drawing.cloud import draw
 from service.drawing.words import CELL, LABEL, label, rows_of_words, sheet
 from service.formats.weights import Weights, dump

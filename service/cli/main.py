@@ -8,8 +8,9 @@ from typing import Final, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
-from service import __version__, commands
+from service import __version__
 from service.api.keys import SCOPES, make_key
+from service.cli import files
 from service.encoding.framing import Background
 from service.errors import HofError
 from service.formats.mesh.registry import MESH_FORMATS
@@ -67,39 +68,39 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _add_commands(stages: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """What works on files alone: `service.commands`."""
-    encode = stages.add_parser("encode", help="a photo to points or weights", description=commands.encode.__doc__)
+    """What works on files alone: `service.cli.files`."""
+    encode = stages.add_parser("encode", help="a photo to points or weights", description=files.encode.__doc__)
     encode.add_argument("photo", type=Path, help="PNG, JPEG or WebP")
     _add_output(encode, [*(fmt.extension for fmt in POINT_FORMATS.values()), WEIGHT_FORMATS["safetensors"].extension])
     _add_sampling(encode)
     encode.add_argument("--background", choices=get_args(Background), help="as in the API; default: auto")
     encode.add_argument("--foreground-ratio", type=float, help="as in the API; default: the model's")
     _add_settings(encode, only={"model", "matting_model", "threads"})
-    encode.set_defaults(run=commands.encode)
+    encode.set_defaults(run=files.encode)
 
-    sample = stages.add_parser("sample", help="a weights file to points", description=commands.sample.__doc__)
+    sample = stages.add_parser("sample", help="a weights file to points", description=files.sample.__doc__)
     sample.add_argument("weights", type=Path, help="a .safetensors file of hof or of the service")
     _add_output(sample, [fmt.extension for fmt in POINT_FORMATS.values()])
     _add_sampling(sample)
-    sample.set_defaults(run=commands.sample)
+    sample.set_defaults(run=files.sample)
 
-    mesh = stages.add_parser("mesh", help="a weights file to a surface", description=commands.mesh.__doc__)
+    mesh = stages.add_parser("mesh", help="a weights file to a surface", description=files.mesh.__doc__)
     mesh.add_argument("weights", type=Path, help="a .safetensors file of hof or of the service")
     _add_output(mesh, [fmt.extension for fmt in MESH_FORMATS.values()])
     _add_fields(mesh, MeshQuery, ["resolution", "scale", "color"])
-    mesh.set_defaults(run=commands.mesh)
+    mesh.set_defaults(run=files.mesh)
 
     compose = stages.add_parser(
-        "compose", help="weights files to points or a picture", description=commands.compose.__doc__
+        "compose", help="weights files to points or a picture", description=files.compose.__doc__
     )
     compose.add_argument("weights", type=Path, nargs="+", help="k .safetensors files of one spec")
-    _add_output(compose, [*(fmt.extension for fmt in POINT_FORMATS.values()), commands.PICTURE])
+    _add_output(compose, [*(fmt.extension for fmt in POINT_FORMATS.values()), files.PICTURE])
     _add_sampling(compose)
-    compose.set_defaults(run=commands.compose)
+    compose.set_defaults(run=files.compose)
 
-    info = stages.add_parser("info", help="what a weights file holds", description=commands.info.__doc__)
+    info = stages.add_parser("info", help="what a weights file holds", description=files.info.__doc__)
     info.add_argument("weights", type=Path, help="a .safetensors file")
-    info.set_defaults(run=commands.info)
+    info.set_defaults(run=files.info)
 
 
 def _add_settings(parser: argparse.ArgumentParser, only: set[str] | None = None) -> None:
@@ -137,15 +138,15 @@ def _serve(arguments: argparse.Namespace) -> None:
     """Serve the API. Each flag has an environment variable, in brackets."""
     from service.server.serve import serve  # not needed by the other commands, which should start fast
 
-    serve(commands.settings_of(arguments))
+    serve(files.settings_of(arguments))
 
 
 def _doctor(arguments: argparse.Namespace) -> int:
     """Check what `hof serve` needs, a line each. Exits with 1 where it would not run."""
-    from service.doctor import examine  # not needed by the other commands
+    from service.cli.doctor import examine  # not needed by the other commands
 
     failed = False
-    for finding in examine(commands.settings_of(arguments)):
+    for finding in examine(files.settings_of(arguments)):
         print(finding, flush=True)
         failed |= finding.state == "fail"
     return int(failed)
