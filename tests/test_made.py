@@ -9,19 +9,19 @@ from shapes import write_folder
 
 from model import cli
 from model.config import TrainConfig
-from model.data import curved, made, seating
 from model.data.build import build
 from model.data.dataset import MADE_A_DRAW, draw_batch, load_examples
 from model.data.manifest import SIZE
 from model.data.meshes import folder_records
-from model.data.primitives import MATERIALS, Solid, assembled, between, box, cushion, leaned, rod, turned
+from model.data.procedural import curved, pieces, seating
+from model.data.procedural.primitives import MATERIALS, Solid, assembled, between, box, cushion, leaned, rod, turned
 from model.data.render import POINTS
 
 VIEWS = 2
 COLOURS = dict.fromkeys(MATERIALS, (0.5, 0.5, 0.5))
 
 
-@pytest.mark.parametrize("design", made.DESIGNS, ids=lambda design: design.__name__)
+@pytest.mark.parametrize("design", pieces.DESIGNS, ids=lambda design: design.__name__)
 def test_every_design_stands_whole_in_the_object_frame(design: Callable[[np.random.Generator], list[Solid]]) -> None:
     shapes = set()
     for seed in range(40):
@@ -112,7 +112,7 @@ def test_made_pieces_are_drawn_in_training(data: Path) -> None:
 
 def test_a_piece_is_a_function_of_seed_and_number(data: Path, tmp_path: Path) -> None:
     for name in ("a", "b"):
-        made.render_made(made.MadeJob(tmp_path / f"{name}.npz", [], seed=0, number=3, views=VIEWS))
+        pieces.render_made(pieces.MadeJob(tmp_path / f"{name}.npz", [], seed=0, number=3, views=VIEWS))
     first, again = (dict(np.load(tmp_path / f"{name}.npz")) for name in ("a", "b"))
     assert (first["points"] == again["points"]).all()
     assert first["points"].shape == (POINTS, 3)

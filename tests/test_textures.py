@@ -9,12 +9,12 @@ import trimesh
 from PIL import Image
 
 from model import cli
-from model.data import textures
-from model.data.made import piece
 from model.data.manifest import Entry, Manifest, Split
+from model.data.procedural import textures
+from model.data.procedural.pieces import piece
+from model.data.procedural.textures import SIDES, drawn, texture_files, wrap
 from model.data.render import shoot, stage
 from model.data.surface import material_colour, material_image
-from model.data.textures import SIDES, drawn, texture_files, wrap
 
 
 def noise(side: int, seed: int) -> Image.Image:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from model.data import made
+from model.data.procedural import pieces
 from model.data.render import POINTS
 from model.data.surface import Floats, sample_surface
 from model.data.visible import visible
@@ -50,7 +50,7 @@ def test_thin_plates_are_seen_from_both_sides() -> None:
 def test_made_pieces_keep_what_is_seen() -> None:
     """A cushion that reaches into its base: no point inside either."""
     parts = [box((-0.5, -0.3, -0.5), (0.5, 0.1, 0.5)), box((-0.4, -0.1, -0.4), (0.4, 0.3, 0.4))]
-    points = made.seen_points(parts, np.random.default_rng(0))
+    points = pieces.seen_points(parts, np.random.default_rng(0))
     assert points.shape == (POINTS, 3)
     x, y, z = np.abs(points[:, 0]), points[:, 1], np.abs(points[:, 2])
     assert not ((x < 0.36) & (z < 0.36) & (y > -0.26) & (y < 0.26)).any()

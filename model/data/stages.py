@@ -93,14 +93,14 @@ def _vary(arguments: argparse.Namespace) -> None:
 
 
 def _textures(arguments: argparse.Namespace) -> None:
-    from model.data.textures import gather_textures
+    from model.data.procedural.textures import gather_textures
 
     print(f"{len(gather_textures(_records(arguments, arguments.data), arguments.data))} textures")
 
 
 def _make(arguments: argparse.Namespace) -> None:
-    from model.data.made import make
     from model.data.manifest import MADE
+    from model.data.procedural.pieces import make
 
     failures = make(arguments.data, arguments.pieces, arguments.views, arguments.processes)
     print(f"{len(failures)} failures: {arguments.data / MADE}")

@@ -1,4 +1,4 @@
-"""Designs of sofas and armchairs at random, as `model.data.seating` has chairs: box, cushions, a back and arms of many
+"""Designs of sofas and armchairs at random, as `model.data.procedural.seating` has chairs: box, cushions, a back and arms of many
 kinds, some around a corner."""
 
 from dataclasses import dataclass
@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 import trimesh
 
-from model.data.curved import arched_board
-from model.data.primitives import Rng, Solid, box, cushion, leaned, rod
-from model.data.stands import legs
+from model.data.procedural.curved import arched_board
+from model.data.procedural.primitives import Rng, Solid, box, cushion, leaned, rod
+from model.data.procedural.stands import legs
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,12 @@
-"""Designs of cabinets, shelves, lamps, vessels, basins and appliances at random, as `model.data.seating` has seats."""
+"""Designs of cabinets, shelves, lamps, vessels, basins and appliances at random, as `model.data.procedural.seating` has seats."""
 
 import itertools
 import math
 
 import numpy as np
 
-from model.data.primitives import Rng, Solid, box, cushion, ring, rod, turned
-from model.data.stands import fronts, legs
+from model.data.procedural.primitives import Rng, Solid, box, cushion, ring, rod, turned
+from model.data.procedural.stands import fronts, legs
 
 
 def cabinet(rng: Rng) -> list[Solid]:

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from model.data.primitives import Rng, Solid, box, rod, turned
+from model.data.procedural.primitives import Rng, Solid, box, rod, turned
 
 
 def legs(rng: Rng, width: float, depth: float, height: float, radius: float) -> list[Solid]:

@@ -1,11 +1,11 @@
-"""Designs with curved walls at random, as `model.data.seating` has flat ones: tub and shell chairs, boards, cloths."""
+"""Designs with curved walls at random, as `model.data.procedural.seating` has flat ones: tub and shell chairs, boards, cloths."""
 
 import math
 
 import numpy as np
 
-from model.data.primitives import Doubles, Rng, Solid, between, cushion, signed_power, turned
-from model.data.stands import legs, stand
+from model.data.procedural.primitives import Doubles, Rng, Solid, between, cushion, signed_power, turned
+from model.data.procedural.stands import legs, stand
 
 
 def tub(rng: Rng) -> list[Solid]:

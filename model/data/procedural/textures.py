@@ -12,7 +12,7 @@ from PIL import Image, ImageStat
 
 from model.data.manifest import Manifest
 from model.data.meshes import MeshRecord
-from model.data.primitives import Rng, Triple, paint
+from model.data.procedural.primitives import Rng, Triple, paint
 from model.data.surface import material_colour
 from model.files import whole_file
 

@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from model.data.primitives import MATERIALS, Doubles, Rng, Solid, Triple, between, box, cushion, rod, turned
+from model.data.procedural.primitives import MATERIALS, Doubles, Rng, Solid, Triple, between, box, cushion, rod, turned
 
 COLOURED: Final = tuple(material for material in MATERIALS if material != "sheet")  # that is nearly always white
 

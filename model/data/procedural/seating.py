@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from model.data.curved import arched_board, cloth
-from model.data.primitives import Rng, Solid, box, cushion, leaned, rod, turned
-from model.data.stands import fronts, legs, stand
+from model.data.procedural.curved import arched_board, cloth
+from model.data.procedural.primitives import Rng, Solid, box, cushion, leaned, rod, turned
+from model.data.procedural.stands import fronts, legs, stand
 
 
 def chair(rng: Rng) -> list[Solid]:
