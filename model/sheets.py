@@ -6,7 +6,7 @@ from typing import Final
 from PIL import Image, ImageDraw
 
 from model.classes import EVERYDAY, class_of
-from model.data.preview import flatten
+from model.data.rendering.preview import flatten
 from model.evaluate import VIEWS, Case, predict
 from service.drawing.cloud import draw
 from service.encoding.encoder import Encoder

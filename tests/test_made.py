@@ -15,7 +15,7 @@ from model.data.manifest import SIZE
 from model.data.meshes import folder_records
 from model.data.procedural import curved, pieces, seating
 from model.data.procedural.primitives import MATERIALS, Solid, assembled, between, box, cushion, leaned, rod, turned
-from model.data.render import POINTS
+from model.data.rendering.render import POINTS
 
 VIEWS = 2
 COLOURS = dict.fromkeys(MATERIALS, (0.5, 0.5, 0.5))

@@ -13,8 +13,8 @@ from model.data.manifest import Entry, Manifest, Split
 from model.data.procedural import textures
 from model.data.procedural.pieces import piece
 from model.data.procedural.textures import SIDES, drawn, texture_files, wrap
-from model.data.render import shoot, stage
-from model.data.surface import material_colour, material_image
+from model.data.rendering.render import shoot, stage
+from model.data.rendering.surface import material_colour, material_image
 
 
 def noise(side: int, seed: int) -> Image.Image:

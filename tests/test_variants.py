@@ -16,7 +16,7 @@ from model.data.build import build
 from model.data.manifest import SIZE, Manifest, variant_file, variant_files
 from model.data.meshes import MeshRecord, folder_records, load_parts
 from model.data.procedural.textures import texture_files
-from model.data.render import FILL, shoot, stage
+from model.data.rendering.render import FILL, shoot, stage
 from model.data.variants import (
     STRETCHED,
     WARPED,

@@ -5,9 +5,9 @@ import pytest
 import trimesh
 
 from model.data.procedural import pieces
-from model.data.render import POINTS
-from model.data.surface import Floats, sample_surface
-from model.data.visible import visible
+from model.data.rendering.render import POINTS
+from model.data.rendering.surface import Floats, sample_surface
+from model.data.rendering.visible import visible
 
 
 def box(low: tuple[float, float, float], high: tuple[float, float, float]) -> trimesh.Trimesh:

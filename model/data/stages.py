@@ -113,7 +113,7 @@ def _photographs(arguments: argparse.Namespace) -> None:
 
 
 def _preview(arguments: argparse.Namespace) -> None:
-    from model.data.preview import preview
+    from model.data.rendering.preview import preview
 
     preview(arguments.data, arguments.output, arguments.objects, arguments.variants)
     print(arguments.output)

@@ -15,8 +15,8 @@ import trimesh
 from model.data.manifest import VARIANTS, Manifest, variant_file
 from model.data.meshes import MeshRecord, load_parts
 from model.data.procedural.textures import redress, texture_files
-from model.data.render import POINTS, shoot, stage, stretch
-from model.data.surface import sample_surface
+from model.data.rendering.render import POINTS, shoot, stage, stretch
+from model.data.rendering.surface import sample_surface
 from model.data.warp import STRETCH, warped
 from model.data.workers import run_told
 from model.files import whole_file

@@ -13,7 +13,7 @@ from PIL import Image, ImageStat
 from model.data.manifest import Manifest
 from model.data.meshes import MeshRecord
 from model.data.procedural.primitives import Rng, Triple, paint
-from model.data.surface import material_colour
+from model.data.rendering.surface import material_colour
 from model.files import whole_file
 
 FOLDER: Final = "textures"  # in the data set's folder

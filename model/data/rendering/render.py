@@ -13,7 +13,7 @@ from PIL import Image
 
 from model.data.manifest import SIZE
 from model.data.meshes import MeshRecord, load_parts
-from model.data.surface import material_colour, material_image, sample_surface
+from model.data.rendering.surface import material_colour, material_image, sample_surface
 from service.drawing.cloud import camera_axes
 
 VIEWS: Final = 24
