@@ -10,7 +10,7 @@ import torch.nn.functional as nnf
 from torch import Tensor
 
 from model.data.augment import ANY_LIGHT, PLAIN_SHARE, SHADOW_SHARE, WHITE_LIGHT, augment
-from model.data.photographs import photograph_files
+from model.data.sources.photographs import photograph_files
 
 IMAGES = 400
 BUNDLED = photograph_files(Path("no folder"))

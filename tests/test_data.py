@@ -12,10 +12,10 @@ from shapes import SHAPES, write_folder
 from model.data.build import build
 from model.data.dedupe import duplicates
 from model.data.manifest import SIZE, Manifest, assign_splits
-from model.data.meshes import MeshRecord, folder_records
 from model.data.rendering.preview import preview
 from model.data.rendering.render import VIEWS, render
 from model.data.rendering.surface import sample_surface
+from model.data.sources.meshes import MeshRecord, folder_records
 from model.data.workers import run_isolated
 from service.drawing.cloud import camera_axes
 

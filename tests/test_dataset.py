@@ -10,7 +10,7 @@ import pytest
 from model.config import TrainConfig
 from model.data.dataset import Bytes, Examples, Shape, draw_batch, load_examples, plain_images
 from model.data.manifest import Entry, Manifest
-from model.data.photographs import photograph_files
+from model.data.sources.photographs import photograph_files
 from service.encoding.framing import Framing
 
 CONFIG = TrainConfig(framing=Framing(size=16), batch=4, points=20, target_points=50)

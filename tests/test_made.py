@@ -12,10 +12,10 @@ from model.config import TrainConfig
 from model.data.build import build
 from model.data.dataset import MADE_A_DRAW, draw_batch, load_examples
 from model.data.manifest import SIZE
-from model.data.meshes import folder_records
 from model.data.procedural import curved, pieces, seating
 from model.data.procedural.primitives import MATERIALS, Solid, assembled, between, box, cushion, leaned, rod, turned
 from model.data.rendering.render import POINTS
+from model.data.sources.meshes import folder_records
 
 VIEWS = 2
 COLOURS = dict.fromkeys(MATERIALS, (0.5, 0.5, 0.5))

@@ -10,9 +10,9 @@ from PIL import Image
 from shapes import SHAPES, write_folder
 
 from model.cli import ROOT, SHIPPED
-from model.data.meshes import MeshRecord, folder_records, load_parts
-from model.data.photographs import FOLDER, photograph_files
-from model.data.sweethome3d import CATALOGUE, frozen_split, parse_catalogue, sh3f_files, sh3f_records
+from model.data.sources.meshes import MeshRecord, folder_records, load_parts
+from model.data.sources.photographs import FOLDER, photograph_files
+from model.data.sources.sweethome3d import CATALOGUE, frozen_split, parse_catalogue, sh3f_files, sh3f_records
 from model.records import Record
 from model.report import FOLDER as FIGURES
 from service.encoding.encoder import Encoder

@@ -18,7 +18,7 @@ from model.checkpoints import chosen_checkpoint, load_encoder, load_network, pre
 from model.config import EncoderConfig, TrainConfig
 from model.data.build import build
 from model.data.dataset import draw_batch, load_examples
-from model.data.meshes import folder_records
+from model.data.sources.meshes import folder_records
 from model.evaluate import predict
 from model.export import parity
 from model.losses import chamfer

@@ -14,9 +14,9 @@ from model import cli
 from model.data import variants
 from model.data.build import build
 from model.data.manifest import SIZE, Manifest, variant_file, variant_files
-from model.data.meshes import MeshRecord, folder_records, load_parts
 from model.data.procedural.textures import texture_files
 from model.data.rendering.render import FILL, shoot, stage
+from model.data.sources.meshes import MeshRecord, folder_records, load_parts
 from model.data.variants import (
     STRETCHED,
     WARPED,

@@ -11,8 +11,8 @@ from tqdm import tqdm
 
 from model.data.dedupe import duplicates
 from model.data.manifest import Entry, Manifest, Split, assign_splits
-from model.data.meshes import MeshRecord
 from model.data.rendering.render import render
+from model.data.sources.meshes import MeshRecord
 from model.data.workers import run_told
 from model.files import whole_file
 

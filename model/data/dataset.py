@@ -16,7 +16,7 @@ from torch import Tensor
 from model.config import TrainConfig
 from model.data.augment import ANY_LIGHT, Light, augment, oversize
 from model.data.manifest import Entry, Manifest, Split, made_files, variant_files
-from model.data.photographs import photograph_files
+from model.data.sources.photographs import photograph_files
 from service.encoding.framing import Framing, frame
 from service.mapping.canonical import canonical_points
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
-    from model.data.meshes import MeshRecord
+    from model.data.sources.meshes import MeshRecord
 
 DATA: Final = Path("data/sweethome3d")
 
@@ -63,7 +63,7 @@ def _add_source(stage: argparse.ArgumentParser) -> None:
 
 def _build(arguments: argparse.Namespace) -> None:
     from model.data.build import build
-    from model.data.sweethome3d import frozen_split
+    from model.data.sources.sweethome3d import frozen_split
 
     records = _records(arguments, arguments.out)
     frozen = {} if arguments.meshes else frozen_split()
@@ -74,8 +74,8 @@ def _build(arguments: argparse.Namespace) -> None:
 
 def _records(arguments: argparse.Namespace, folder: Path) -> "list[MeshRecord]":
     """The meshes of `--meshes`, else Sweet Home 3D's, unpacked below `folder`."""
-    from model.data.meshes import folder_records
-    from model.data.sweethome3d import sh3f_files, sh3f_records
+    from model.data.sources.meshes import folder_records
+    from model.data.sources.sweethome3d import sh3f_files, sh3f_records
 
     if arguments.meshes:
         return list(folder_records(arguments.meshes, arguments.licence))
@@ -107,7 +107,7 @@ def _make(arguments: argparse.Namespace) -> None:
 
 
 def _photographs(arguments: argparse.Namespace) -> None:
-    from model.data.photographs import fetch_photographs
+    from model.data.sources.photographs import fetch_photographs
 
     print(f"{len(fetch_photographs(arguments.data, arguments.data / 'source'))} photographs")
 

@@ -13,10 +13,10 @@ import pyvista
 import trimesh
 
 from model.data.manifest import VARIANTS, Manifest, variant_file
-from model.data.meshes import MeshRecord, load_parts
 from model.data.procedural.textures import redress, texture_files
 from model.data.rendering.render import POINTS, shoot, stage, stretch
 from model.data.rendering.surface import sample_surface
+from model.data.sources.meshes import MeshRecord, load_parts
 from model.data.warp import STRETCH, warped
 from model.data.workers import run_told
 from model.files import whole_file

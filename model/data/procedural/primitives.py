@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from model.data.meshes import to_object_frame
+from model.data.sources.meshes import to_object_frame
 
 SECTIONS: Final = 24  # around what is turned
 EDGE_RAD: Final = 0.7  # faces that meet at a sharper angle are shaded apart

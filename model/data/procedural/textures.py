@@ -11,9 +11,9 @@ import trimesh
 from PIL import Image, ImageStat
 
 from model.data.manifest import Manifest
-from model.data.meshes import MeshRecord
 from model.data.procedural.primitives import Rng, Triple, paint
 from model.data.rendering.surface import material_colour
+from model.data.sources.meshes import MeshRecord
 from model.files import whole_file
 
 FOLDER: Final = "textures"  # in the data set's folder

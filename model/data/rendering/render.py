@@ -12,8 +12,8 @@ import trimesh
 from PIL import Image
 
 from model.data.manifest import SIZE
-from model.data.meshes import MeshRecord, load_parts
 from model.data.rendering.surface import material_colour, material_image, sample_surface
+from model.data.sources.meshes import MeshRecord, load_parts
 from service.drawing.cloud import camera_axes
 
 VIEWS: Final = 24

@@ -12,9 +12,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from model.data.debian import download, unpack
 from model.data.manifest import Split
-from model.data.meshes import MeshRecord
+from model.data.sources.debian import download, unpack
+from model.data.sources.meshes import MeshRecord
 
 PACKAGE: Final = "sweethome3d-furniture"
 FROZEN: Final = Path(__file__).with_name("sweethome3d-split.json")
