@@ -8,7 +8,7 @@ import torch
 from tqdm import tqdm
 
 from model.losses import chamfer
-from model.networks import power
+from model.networks.encoder import power
 from service.mapping.canonical import canonical_points
 from service.mapping.spec import MappingSpec, initial_theta
 

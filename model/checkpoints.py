@@ -12,9 +12,9 @@ import torch
 from onnx import numpy_helper
 from torch import nn
 
-from model.baselines import Hof, make_network
 from model.config import TrainConfig
-from model.networks import ImageEncoder
+from model.networks.decoders import Hof, make_network
+from model.networks.encoder import ImageEncoder
 from service.encoding.encoder import Encoder
 from service.mapping.canonical import canonical_points
 

@@ -246,11 +246,11 @@ def _retrain(arguments: argparse.Namespace) -> None:
 def _export(arguments: argparse.Namespace) -> None:
     from model.card import figures, make_card, page
     from model.checkpoints import chosen_checkpoint, load_encoder
-    from model.color import load
     from model.comparison import encoder_record, references
     from model.data.manifest import Manifest
     from model.export import export
     from model.files import whole_file
+    from model.networks.color_head import load
     from service.encoding.encoder import Encoder
 
     trained, config, run = load_encoder(chosen_checkpoint(arguments.folder))

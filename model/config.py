@@ -39,7 +39,7 @@ class TrainConfig:
     """One training run.
 
     method : what stands behind the image encoder's trunk: HOF, or a decoder it is compared with
-        (`model.baselines`). Of `spec`, a decoder uses the canonical domain only.
+        (`model.networks.decoders`). Of `spec`, a decoder uses the canonical domain only.
     points, target_points : predicted and true points per object in the loss.
     minutes : budget; the learning rate falls to 0 over it along a cosine.
     steps : budget in steps instead, for methods that are compared.

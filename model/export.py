@@ -17,10 +17,10 @@ import torch
 from onnx import helper, numpy_helper
 from torch import nn
 
-from model.color import ColoredEncoder, ColorHead
 from model.config import TrainConfig
 from model.files import whole_file
-from model.networks import ImageEncoder, power
+from model.networks.color_head import ColoredEncoder, ColorHead
+from model.networks.encoder import ImageEncoder, power
 from service import mapping
 from service.encoding.encoder import FORMAT, Encoder
 from service.mapping.canonical import canonical_points

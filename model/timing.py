@@ -10,9 +10,9 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from model.baselines import Hof
 from model.checkpoints import load_network, predictor
 from model.evaluate import POINTS, draw
+from model.networks.decoders import Hof
 from model.records import Decoder
 from service.encoding.encoder import Encoder
 

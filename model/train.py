@@ -17,7 +17,6 @@ from torch import Tensor, nn
 from tqdm import tqdm
 
 from model.average import update_average
-from model.baselines import make_network
 from model.checkpoints import chosen_checkpoint, load_network
 from model.config import TrainConfig
 from model.data.dataset import Batch, Examples, draw_batch, load_examples, plain_images
@@ -26,7 +25,8 @@ from model.log import cut_log, log_line
 from model.losses import chamfer, late_chamfer, projection
 from model.memory import keep_freed_memory
 from model.metrics import compare
-from model.pretrained import Lite0, load_imagenet
+from model.networks.decoders import make_network
+from model.networks.lite0 import Lite0, load_imagenet
 from service.mapping.canonical import canonical_points
 
 CHECKPOINT_EVERY_S: Final = 600.0

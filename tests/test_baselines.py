@@ -9,8 +9,8 @@ import small_network
 import torch
 from torch import nn
 
-from model.baselines import DIRECT_POINTS, DeepSdf, FoldingNet, Lvc, make_network
 from model.config import Method, TrainConfig
+from model.networks.decoders import DIRECT_POINTS, DeepSdf, FoldingNet, Lvc, make_network
 from service.encoding.framing import Framing
 from service.mapping.spec import HOF_1
 

@@ -11,7 +11,7 @@ import torch
 from model import cli
 from model.checkpoints import load_encoder
 from model.export import TOLERANCE, export
-from model.networks import ImageEncoder
+from model.networks.encoder import ImageEncoder
 from service.encoding.encoder import Encoder
 from service.mapping.spec import MappingSpec
 

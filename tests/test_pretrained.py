@@ -12,15 +12,15 @@ import torch.nn.functional as nnf
 from torch import nn
 
 from model.checkpoints import load_network
-from model.color import ColorHead, color_spec, look
 from model.config import TrainConfig
 from model.data.dataset import Batch
 from model.export import TOLERANCE, export
 from model.features import _Pooled
-from model.networks import ImageEncoder
-from model.pretrained import FINE_MAPS, MAPS, MEAN, SPREAD, Lite0, load_imagenet
+from model.networks.color_head import ColorHead, color_spec, look
+from model.networks.encoder import ImageEncoder
+from model.networks.lite0 import FINE_MAPS, MAPS, MEAN, SPREAD, Lite0, load_imagenet
+from model.networks.trunk import _unshuffled
 from model.train import _State, _step
-from model.trunk import _unshuffled
 from service.encoding.encoder import Encoder
 
 ENCODER = replace(small_network.ENCODER, trunk="lite0", joined_maps=4)
@@ -75,8 +75,8 @@ def test_a_step_moves_what_is_not_frozen_and_the_pretrained_part_less(lite0: Lit
 
 
 def test_cores_that_share_a_batch_find_the_gradients_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("model.trunk.DROPOUT", 0.0)
-    monkeypatch.setattr("model.trunk.HALF", False)
+    monkeypatch.setattr("model.networks.trunk.DROPOUT", 0.0)
+    monkeypatch.setattr("model.networks.trunk.HALF", False)
     found, losses = [], []
     for count in (1, 3):  # 3 parts of 4 images: 2, 1 and 1
         state = _State.begin(CONFIG)
@@ -131,7 +131,7 @@ def parts_fine(config: TrainConfig) -> torch.Tensor:
 def test_a_checkpoint_loads_without_the_published_weights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     state = _State.begin(CONFIG)
     state.save(tmp_path, score=0)
-    monkeypatch.setattr("model.pretrained.load_imagenet", None)
+    monkeypatch.setattr("model.networks.lite0.load_imagenet", None)
     network, config, _ = load_network(tmp_path / "last.pt")
     assert config == CONFIG
     images, canonical = torch.rand(1, 3, 32, 32), torch.rand(1, 5, 3)

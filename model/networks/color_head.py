@@ -14,7 +14,7 @@ import torch.nn.functional as nnf
 from torch import Tensor, nn
 
 from model.files import whole_file
-from model.networks import ImageEncoder, ThetaHead
+from model.networks.encoder import ImageEncoder, ThetaHead
 from service.mapping.spec import MappingSpec
 
 FILE: Final = "color.pt"  # in the folder of the run that it belongs to

@@ -7,7 +7,7 @@ from torch import Tensor, nn
 
 from model import fused
 from model.config import EncoderConfig
-from model.trunk import ImageTrunk
+from model.networks.trunk import ImageTrunk
 from service.mapping.spec import MappingSpec, initial_theta
 
 HEAD_SCALE: Final = 0.2  # of theta_0: how far objects differ at the start; exactly zero stalls

@@ -6,9 +6,9 @@ import torch
 import torch.nn.functional as nnf
 from torch import Tensor, nn
 
-from model import pretrained
 from model.config import EncoderConfig
-from model.pretrained import Lite0
+from model.networks import lite0
+from model.networks.lite0 import Lite0
 
 DROPOUT: Final = 0.2  # of the maps that the pretrained convolutions end in
 HALF: Final = any(map(torch.cpu.get_capabilities().get, ("amx_bf16", "avx512_bf16")))  # bfloat16 is faster here
@@ -62,10 +62,10 @@ class LiteMaps(nn.Module):
     def __init__(self, config: EncoderConfig) -> None:
         super().__init__()
         self.lite0 = Lite0(config.frozen)
-        self.joined = nn.Conv2d(pretrained.MAPS, config.joined_maps, 1)
-        self.fine = nn.Conv2d(pretrained.FINE_MAPS, config.fine_maps, 1) if config.fine_maps else None
+        self.joined = nn.Conv2d(lite0.MAPS, config.joined_maps, 1)
+        self.fine = nn.Conv2d(lite0.FINE_MAPS, config.fine_maps, 1) if config.fine_maps else None
         self.maps = config.joined_maps + 4 * config.fine_maps
-        self.stride = pretrained.STRIDE
+        self.stride = lite0.STRIDE
 
     def forward(self, images: Tensor) -> Tensor:
         """(b, 3, s, s) in [0, 1] -> (b, `maps`, s / `stride`, s / `stride`)."""
