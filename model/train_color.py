@@ -20,9 +20,9 @@ from model.data.augment import WHITE_LIGHT
 from model.data.dataset import Batch, draw_batch, load_examples
 from model.losses import gather
 from model.memory import keep_freed_memory
-from model.nearest import nearest
 from model.networks.color_head import ColorHead, color_spec, look, save
 from model.networks.encoder import ImageEncoder, power
+from model.networks.ops.nearest import nearest
 from model.provenance import provenance
 from model.train import schedule
 from service.mapping.spec import MappingSpec

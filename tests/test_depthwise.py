@@ -7,7 +7,7 @@ import torch
 import torch.nn.functional as nnf
 from torch import Tensor
 
-from model.depthwise import Depthwise
+from model.networks.ops.depthwise import Depthwise
 
 Layer = Callable[..., Tensor]
 

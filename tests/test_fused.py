@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from model.fused import TILE, FusedLayers
+from model.networks.ops.fused_mlp import TILE, FusedLayers
 from service.mapping.spec import HOF_1, HOF_3, MappingSpec
 
 Layers = Callable[..., Tensor]

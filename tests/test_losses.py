@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from model.losses import BACKWARD, F_WEIGHT, SATURATION, chamfer, late_chamfer, projection
-from model.nearest import nearest
+from model.networks.ops.nearest import nearest
 
 
 def test_chamfer_is_the_sum_of_both_squared_directions() -> None:

@@ -5,7 +5,7 @@ import pytest
 import torch
 from scipy.spatial import cKDTree
 
-from model.nearest import nearest
+from model.networks.ops.nearest import nearest
 
 
 @pytest.mark.parametrize("spread", [0.001, 0.05, 0.3, 2.0])  # of the queries; most of the last lie outside the grid

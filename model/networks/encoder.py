@@ -5,8 +5,8 @@ from typing import Final
 import torch
 from torch import Tensor, nn
 
-from model import fused
 from model.config import EncoderConfig
+from model.networks.ops import fused_mlp
 from model.networks.trunk import ImageTrunk
 from service.mapping.spec import MappingSpec, initial_theta
 
@@ -81,7 +81,7 @@ def _fused_power(spec: MappingSpec, theta: Tensor, x: Tensor) -> Tensor:
     layers = [w.transpose(1, 2).contiguous(), b.contiguous(), v.contiguous(), c.contiguous()]
     x = x.transpose(1, 2).contiguous()
     for _ in range(spec.k):
-        x = fused.FusedLayers.apply(*layers, x)  # type: ignore[no-untyped-call]
+        x = fused_mlp.FusedLayers.apply(*layers, x)  # type: ignore[no-untyped-call]
     return x.transpose(1, 2)
 
 

@@ -14,7 +14,7 @@ import torch
 import torch.nn.functional as nnf
 from torch import Tensor, nn
 
-from model.depthwise import Depthwise
+from model.networks.ops.depthwise import Depthwise
 
 MEAN, SPREAD = 127 / 255, 128 / 255  # the network takes (x - 127) / 128 of bytes x
 STEM: Final = 32
