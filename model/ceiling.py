@@ -7,8 +7,8 @@ import numpy.typing as npt
 import torch
 from tqdm import tqdm
 
-from model.losses import chamfer
 from model.networks.encoder import power
+from model.training.losses import chamfer
 from service.mapping.canonical import canonical_points
 from service.mapping.spec import MappingSpec, initial_theta
 

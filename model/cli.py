@@ -162,8 +162,8 @@ def _spec(arguments: argparse.Namespace) -> "MappingSpec":
 
 def _train(arguments: argparse.Namespace) -> None:
     from model.config import DENSE, LITE0, TrainConfig
-    from model.log import plot_losses
-    from model.train import train
+    from model.training.log import plot_losses
+    from model.training.train import train
     from service.encoding.framing import Framing
 
     encoder, framing = {"dense": (DENSE, Framing()), "lite0": (LITE0, Framing(128))}[arguments.trunk]
@@ -193,13 +193,13 @@ def _train(arguments: argparse.Namespace) -> None:
 
 
 def _blend(arguments: argparse.Namespace) -> None:
-    from model.average import blend
+    from model.training.average import blend
 
     print(blend(arguments.first, arguments.later, arguments.share, arguments.out))
 
 
 def _color(arguments: argparse.Namespace) -> None:
-    from model.train_color import train_color
+    from model.training.train_color import train_color
 
     print(train_color(arguments.data, arguments.folder, arguments.minutes, arguments.seed))
 
@@ -245,12 +245,12 @@ def _retrain(arguments: argparse.Namespace) -> None:
 
 def _export(arguments: argparse.Namespace) -> None:
     from model.card import figures, make_card, page
-    from model.checkpoints import chosen_checkpoint, load_encoder
     from model.comparison import encoder_record, references
     from model.data.manifest import Manifest
     from model.export import export
     from model.files import whole_file
     from model.networks.color_head import load
+    from model.training.checkpoints import chosen_checkpoint, load_encoder
     from service.encoding.encoder import Encoder
 
     trained, config, run = load_encoder(chosen_checkpoint(arguments.folder))

@@ -8,7 +8,6 @@ import numpy as np
 import numpy.typing as npt
 
 from model.ceiling import fit
-from model.checkpoints import chosen_checkpoint, load_network, predictor
 from model.data.manifest import Split
 from model.evaluate import POINTS, Case, Evaluation, cases, draw, encoder_answer, measure, measure_objects
 from model.metrics import compare, floor
@@ -17,6 +16,7 @@ from model.provenance import provenance
 from model.records import Decoder, Record
 from model.reference import Retrieval, Training, blob
 from model.timing import mapping_decoder, network_decoder
+from model.training.checkpoints import chosen_checkpoint, load_network, predictor
 from service.encoding.encoder import Encoder
 from service.encoding.framing import preprocess
 

@@ -7,7 +7,7 @@ from typing import Final
 from model.comparison import run_record
 from model.config import TrainConfig
 from model.data.manifest import Split
-from model.train import train
+from model.training.train import train
 from service.mapping.spec import HOF_1, HOF_3
 
 RUNS: Final = Path("runs/compared")

@@ -10,10 +10,10 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from model.checkpoints import load_network, predictor
 from model.evaluate import POINTS, draw
 from model.networks.decoders import Hof
 from model.records import Decoder
+from model.training.checkpoints import load_network, predictor
 from service.encoding.encoder import Encoder
 
 REPEATS: Final = 50

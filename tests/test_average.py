@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import nn
 
-from model.average import EMA_DECAY, update_average
+from model.training.average import EMA_DECAY, update_average
 
 
 def test_the_average_moves_by_the_decay_of_its_step() -> None:

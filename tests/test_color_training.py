@@ -11,15 +11,15 @@ import torch
 from PIL import Image
 
 from model import cli
-from model.checkpoints import load_encoder
 from model.color_figures import object_mean
 from model.config import TrainConfig
 from model.data.dataset import draw_batch, load_examples
 from model.export import TOLERANCE, color_parity, export
 from model.networks.color_head import ColoredEncoder, ColorHead, color_spec, digest, load, look, save
 from model.networks.encoder import ImageEncoder, power
-from model.train import _State
-from model.train_color import Seen, _Learner, see
+from model.training.checkpoints import load_encoder
+from model.training.train import _State
+from model.training.train_color import Seen, _Learner, see
 from service.encoding.encoder import Encoder
 from service.mapping.color import ColorSampler
 from service.mapping.spec import HOF_1, MappingSpec

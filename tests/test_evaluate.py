@@ -14,7 +14,7 @@ from model.evaluate import cases, measure, measure_objects, predict
 from model.metrics import NAMES, compare
 from model.perturb import CONDITIONS
 from model.records import Record
-from model.train import _State
+from model.training.train import _State
 from service.encoding.encoder import Encoder
 from service.encoding.framing import Framing
 from service.mapping.spec import MappingSpec

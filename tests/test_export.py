@@ -9,9 +9,9 @@ import small_network
 import torch
 
 from model import cli
-from model.checkpoints import load_encoder
 from model.export import TOLERANCE, export
 from model.networks.encoder import ImageEncoder
+from model.training.checkpoints import load_encoder
 from service.encoding.encoder import Encoder
 from service.mapping.spec import MappingSpec
 

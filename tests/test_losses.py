@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from model.losses import BACKWARD, F_WEIGHT, SATURATION, chamfer, late_chamfer, projection
 from model.networks.ops.nearest import nearest
+from model.training.losses import BACKWARD, F_WEIGHT, SATURATION, chamfer, late_chamfer, projection
 
 
 def test_chamfer_is_the_sum_of_both_squared_directions() -> None:

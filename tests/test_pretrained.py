@@ -11,7 +11,6 @@ import torch
 import torch.nn.functional as nnf
 from torch import nn
 
-from model.checkpoints import load_network
 from model.config import TrainConfig
 from model.data.dataset import Batch
 from model.export import TOLERANCE, export
@@ -20,7 +19,8 @@ from model.networks.color_head import ColorHead, color_spec, look
 from model.networks.encoder import ImageEncoder
 from model.networks.lite0 import FINE_MAPS, MAPS, MEAN, SPREAD, Lite0, load_imagenet
 from model.networks.trunk import _unshuffled
-from model.train import _State, _step
+from model.training.checkpoints import load_network
+from model.training.train import _State, _step
 from service.encoding.encoder import Encoder
 
 ENCODER = replace(small_network.ENCODER, trunk="lite0", joined_maps=4)

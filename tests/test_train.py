@@ -13,18 +13,18 @@ import torch
 from shapes import write_folder
 
 from model import cli
-from model.checkpoints import chosen_checkpoint, load_encoder, load_network, predictor
 from model.config import EncoderConfig, TrainConfig
 from model.data.build import build
 from model.data.dataset import draw_batch, load_examples
 from model.data.sources.meshes import folder_records
 from model.evaluate import predict
 from model.export import parity
-from model.losses import chamfer
 from model.networks.decoders import make_network
 from model.records import Record
 from model.retrain import COMPARED
-from model.train import _sizes, _State, _step, train
+from model.training.checkpoints import chosen_checkpoint, load_encoder, load_network, predictor
+from model.training.losses import chamfer
+from model.training.train import _sizes, _State, _step, train
 from service.encoding.encoder import Encoder
 from service.errors import InvalidModel
 

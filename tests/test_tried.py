@@ -11,7 +11,7 @@ from model import cli, tried
 from model.comparison import ORACLE
 from model.records import Record
 from model.tables import loss
-from model.train import _State
+from model.training.train import _State
 
 
 @pytest.fixture(scope="module")

@@ -16,17 +16,17 @@ import torch.nn.functional as nnf
 from torch import Tensor, nn
 from tqdm import tqdm
 
-from model.average import update_average
-from model.checkpoints import chosen_checkpoint, load_network
 from model.config import TrainConfig
 from model.data.dataset import Batch, Examples, draw_batch, load_examples, plain_images
 from model.files import whole_file
-from model.log import cut_log, log_line
-from model.losses import chamfer, late_chamfer, projection
-from model.memory import keep_freed_memory
 from model.metrics import compare
 from model.networks.decoders import make_network
 from model.networks.lite0 import Lite0, load_imagenet
+from model.training.average import update_average
+from model.training.checkpoints import chosen_checkpoint, load_network
+from model.training.log import cut_log, log_line
+from model.training.losses import chamfer, late_chamfer, projection
+from model.training.memory import keep_freed_memory
 from service.mapping.canonical import canonical_points
 
 CHECKPOINT_EVERY_S: Final = 600.0

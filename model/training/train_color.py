@@ -15,16 +15,16 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
-from model.checkpoints import chosen_checkpoint, load_encoder
 from model.data.augment import WHITE_LIGHT
 from model.data.dataset import Batch, draw_batch, load_examples
-from model.losses import gather
-from model.memory import keep_freed_memory
 from model.networks.color_head import ColorHead, color_spec, look, save
 from model.networks.encoder import ImageEncoder, power
 from model.networks.ops.nearest import nearest
 from model.provenance import provenance
-from model.train import schedule
+from model.training.checkpoints import chosen_checkpoint, load_encoder
+from model.training.losses import gather
+from model.training.memory import keep_freed_memory
+from model.training.train import schedule
 from service.mapping.spec import MappingSpec
 
 POINTS: Final = 256  # canonical, of each image
