@@ -6,11 +6,11 @@ from typing import Final
 
 import numpy as np
 
-from model.classes import EVERYDAY
-from model.comparison import BLOB, ORACLE, RETRIEVAL
-from model.evaluate import Evaluation
+from model.evaluation.classes import EVERYDAY
+from model.evaluation.comparison import BLOB, ORACLE, RETRIEVAL
+from model.evaluation.conditions import CONDITIONS, Condition
+from model.evaluation.evaluate import Evaluation
 from model.metrics import class_uniform, interval
-from model.perturb import CONDITIONS, Condition
 from model.tables import find, loss, spread, table
 
 BETTER: Final = {"cd_forward": -1, "cd_backward": -1, "f@1%": 1, "f@2%": 1, "f@5%": 1}  # the sign of a gain

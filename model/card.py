@@ -5,7 +5,7 @@ from typing import Any
 from model.config import TrainConfig
 from model.data.manifest import SPLITS, Manifest
 from model.data.sources.sweethome3d import frozen_split
-from model.evaluate import Evaluation
+from model.evaluation.evaluate import Evaluation
 from model.metrics import NAMES, interval
 from model.provenance import provenance
 from model.tables import table

@@ -57,7 +57,7 @@ def _parser() -> argparse.ArgumentParser:
     stage = stages.add_parser("retrain", help="train and measure what the shipped model is compared with; resumable")
     stage.set_defaults(run=_retrain)
     _add_common(stage)
-    stage.add_argument("methods", nargs="*", metavar="METHOD", help="of model/retrain.py; default: all")
+    stage.add_argument("methods", nargs="*", metavar="METHOD", help="of model/evaluation/compared.py; default: all")
     stage.add_argument("--steps", type=int, default=1_500, help="of each")
     stage.add_argument("-o", "--output", type=Path, default=ROOT / "model" / "results", help="folder of the records")
     _add_results(stages)
@@ -205,9 +205,9 @@ def _color(arguments: argparse.Namespace) -> None:
 
 
 def _evaluate(arguments: argparse.Namespace) -> None:
-    from model import comparison
-    from model.evaluate import cases
-    from model.perturb import Condition
+    from model.evaluation import comparison
+    from model.evaluation.conditions import Condition
+    from model.evaluation.evaluate import cases
     from model.sheets import first_objects
     from model.tables import card_table
     from service.encoding.encoder import Encoder
@@ -237,7 +237,7 @@ def _evaluate(arguments: argparse.Namespace) -> None:
 
 
 def _retrain(arguments: argparse.Namespace) -> None:
-    from model.retrain import COMPARED, retrain
+    from model.evaluation.compared import COMPARED, retrain
 
     for name in arguments.methods or COMPARED:
         print(retrain(name, arguments.data, "test", arguments.output, arguments.steps, arguments.seed))
@@ -245,8 +245,8 @@ def _retrain(arguments: argparse.Namespace) -> None:
 
 def _export(arguments: argparse.Namespace) -> None:
     from model.card import figures, make_card, page
-    from model.comparison import encoder_record, references
     from model.data.manifest import Manifest
+    from model.evaluation.comparison import encoder_record, references
     from model.export import export
     from model.files import whole_file
     from model.networks.color_head import load
@@ -279,8 +279,8 @@ def _mixtures(arguments: argparse.Namespace) -> None:
 
 
 def _surfaces(arguments: argparse.Namespace) -> None:
+    from model.evaluation.surfaces import FILE, measure_surfaces, section
     from model.report import FOLDER
-    from model.surfaces import FILE, measure_surfaces, section
 
     found = measure_surfaces(arguments.model, arguments.data, arguments.split, arguments.seed)
     found.write(arguments.out / FOLDER / FILE)

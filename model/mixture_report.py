@@ -6,8 +6,19 @@ from typing import Final
 import numpy as np
 
 from model.data.manifest import Split
+from model.evaluation.mixtures import (
+    AVERAGE,
+    COPY,
+    FIGURES,
+    PAIRS,
+    POINTS,
+    SHOWN,
+    Mixtures,
+    even_words,
+    measure,
+    mixed_words,
+)
 from model.metrics import interval
-from model.mixtures import AVERAGE, COPY, FIGURES, PAIRS, POINTS, SHOWN, Mixtures, even_words, measure, mixed_words
 from model.tables import spread, table
 from service.drawing.words import rows_of_words
 from service.encoding.encoder import Encoder

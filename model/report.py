@@ -5,18 +5,19 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from model import mixture_report, surfaces, tables, tried
+from model import mixture_report, tables, tried
 from model.asked import asked_table, checks
-from model.classes import class_of
-from model.color_figures import color_record, color_section
-from model.comparison import BLOB, COUNTS, ORACLE, RETRIEVAL, encoder_record, references
 from model.data.manifest import Split
-from model.evaluate import POINTS, VIEWS, Case, Evaluation, cases
-from model.perturb import CONDITIONS, FREE_VIEWS
-from model.records import Decoder, Record
-from model.retrain import COMPARED
+from model.evaluation import surfaces
+from model.evaluation.classes import class_of
+from model.evaluation.color import color_record, color_section
+from model.evaluation.compared import COMPARED
+from model.evaluation.comparison import BLOB, COUNTS, ORACLE, RETRIEVAL, encoder_record, references
+from model.evaluation.conditions import CONDITIONS, FREE_VIEWS
+from model.evaluation.evaluate import POINTS, VIEWS, Case, Evaluation, cases
+from model.evaluation.records import Decoder, Record
+from model.evaluation.timing import encoder_ms
 from model.sheets import SHOWN, SHOWN_PER_CLASS, everyday_objects, first_objects
-from model.timing import encoder_ms
 from service.encoding.encoder import Encoder
 
 FOLDER: Final = Path("model/results")  # below the project's root
@@ -188,7 +189,7 @@ def _classes(evaluations: Sequence[Evaluation], classes: Sequence[str], ours: Re
     beaten = [id_ for id_, here, there in zip(ours.ids, found, blob, strict=True) if here <= there]
     return f"""## Classes
 
-By rules on the catalogue's names (`model/classes.py`). Class-uniform means count every class alike, class-weighted
+By rules on the catalogue's names (`model/evaluation/classes.py`). Class-uniform means count every class alike, class-weighted
 ones every object.
 
 {tables.per_class(evaluations, [ours.method, RETRIEVAL, ORACLE, BLOB], classes)}

@@ -5,9 +5,9 @@ from typing import Final
 
 from PIL import Image, ImageDraw
 
-from model.classes import EVERYDAY, class_of
 from model.data.rendering.preview import flatten
-from model.evaluate import VIEWS, Case, predict
+from model.evaluation.classes import EVERYDAY, class_of
+from model.evaluation.evaluate import VIEWS, Case, predict
 from service.drawing.cloud import draw
 from service.encoding.encoder import Encoder
 

@@ -4,12 +4,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from model.classes import EVERYDAY, OTHER
-from model.comparison import COUNTS
-from model.evaluate import POINTS, Evaluation
+from model.evaluation.classes import EVERYDAY, OTHER
+from model.evaluation.comparison import COUNTS
+from model.evaluation.conditions import CONDITIONS, Condition
+from model.evaluation.evaluate import POINTS, Evaluation
+from model.evaluation.records import Decoder
 from model.metrics import NAMES, Values, class_uniform, interval
-from model.perturb import CONDITIONS, Condition
-from model.records import Decoder
 
 
 def find(evaluations: Sequence[Evaluation], method: str, condition: Condition = "plain", n: int = POINTS) -> Evaluation:

@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import Final
 
-from model.comparison import ORACLE
+from model.evaluation.comparison import ORACLE
+from model.evaluation.records import Record
 from model.metrics import NAMES, interval
-from model.records import Record
 from model.tables import find, loss, spread, table
 
 FOLDER: Final = Path("model/results/tried")  # below the project's root

@@ -1,6 +1,6 @@
 """A small record of measured surfaces, for tests of its page."""
 
-from model.surfaces import CLOUD, SERVED, Trial, Trials
+from model.evaluation.surfaces import CLOUD, SERVED, Trial, Trials
 
 
 def _trial(way: str, f: float, ms: float) -> Trial:

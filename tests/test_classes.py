@@ -2,8 +2,8 @@
 
 import pytest
 
-from model.classes import class_of
 from model.data.manifest import Entry
+from model.evaluation.classes import class_of
 
 
 @pytest.mark.parametrize(

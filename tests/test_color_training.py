@@ -11,9 +11,9 @@ import torch
 from PIL import Image
 
 from model import cli
-from model.color_figures import object_mean
 from model.config import TrainConfig
 from model.data.dataset import draw_batch, load_examples
+from model.evaluation.color import object_mean
 from model.export import TOLERANCE, color_parity, export
 from model.networks.color_head import ColoredEncoder, ColorHead, color_spec, digest, load, look, save
 from model.networks.encoder import ImageEncoder, power

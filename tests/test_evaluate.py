@@ -8,12 +8,12 @@ import small_data
 import small_network
 
 from model import cli
-from model.comparison import CEILING, ceiling_record, encoder_record, references
 from model.config import Method, TrainConfig
-from model.evaluate import cases, measure, measure_objects, predict
+from model.evaluation.comparison import CEILING, ceiling_record, encoder_record, references
+from model.evaluation.conditions import CONDITIONS
+from model.evaluation.evaluate import cases, measure, measure_objects, predict
+from model.evaluation.records import Record
 from model.metrics import NAMES, compare
-from model.perturb import CONDITIONS
-from model.records import Record
 from model.training.train import _State
 from service.encoding.encoder import Encoder
 from service.encoding.framing import Framing
@@ -76,7 +76,7 @@ def test_references_stand_in_the_order_that_they_must(data: Path) -> None:
 def test_the_ceiling_is_far_above_an_untrained_encoder(
     data: Path, model_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("model.ceiling.STEPS", 150)
+    monkeypatch.setattr("model.evaluation.ceiling.STEPS", 150)
     encoder = Encoder.open(model_path, 1)
     fitted = ceiling_record(encoder, data, "test", 0).evaluations[0]
     guessed = encoder_record(encoder, data, "test", 0).evaluations[0]

@@ -10,13 +10,13 @@ import tiny_model
 from PIL import Image
 
 from model import cli
-from model.classes import class_of
 from model.data.manifest import Entry
-from model.evaluate import cases
+from model.evaluation.classes import class_of
+from model.evaluation.conditions import png
+from model.evaluation.evaluate import cases
+from model.evaluation.mixtures import AVERAGE, Mixtures, draw_pairs, mixed_words
 from model.metrics import nearest
 from model.mixture_report import section, verdict
-from model.mixtures import AVERAGE, Mixtures, draw_pairs, mixed_words
-from model.perturb import png
 from service.encoding.encoder import Encoder
 from service.encoding.framing import preprocess
 from service.mapping.sampler import Sampler

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import small_data
 
+from model.evaluation.neighbours import Neighbours
 from model.metrics import nearest
-from model.neighbours import Neighbours
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ import small_data
 from PIL import Image
 
 from model.data.manifest import Entry, Manifest
-from model.perturb import CONDITIONS, MARGIN, Condition, condition_views, photographs
+from model.evaluation.conditions import CONDITIONS, MARGIN, Condition, condition_views, photographs
 from service.encoding.framing import Framing, preprocess
 
 

@@ -13,8 +13,8 @@ from torch import nn
 
 from model.config import TrainConfig
 from model.data.dataset import Batch
+from model.evaluation.features import _Pooled
 from model.export import TOLERANCE, export
-from model.features import _Pooled
 from model.networks.color_head import ColorHead, color_spec, look
 from model.networks.encoder import ImageEncoder
 from model.networks.lite0 import FINE_MAPS, MAPS, MEAN, SPREAD, Lite0, load_imagenet

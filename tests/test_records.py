@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from model.evaluate import Evaluation
+from model.evaluation.evaluate import Evaluation
+from model.evaluation.records import Decoder, Record
 from model.metrics import NAMES
-from model.records import Decoder, Record
 
 
 def record(method: str = "deepsdf", objects: int = 78) -> Record:

@@ -7,10 +7,10 @@ import pytest
 import small_data
 
 from model.data.manifest import Manifest
-from model.features import WIDTH, Features, training_bank
+from model.evaluation.conditions import png
+from model.evaluation.features import WIDTH, Features, training_bank
+from model.evaluation.references import Retrieval, Training, blob
 from model.metrics import compare
-from model.perturb import png
-from model.reference import Retrieval, Training, blob
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from PIL import Image
 from small_trials import trials
 
 from model import cli
-from model.records import Record
+from model.evaluation.records import Record
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ import trimesh
 from small_trials import trials
 
 from model import cli
-from model.surfaces import CLOUD, FILE, SERVED, WAYS, Trials, section
+from model.evaluation.surfaces import CLOUD, FILE, SERVED, WAYS, Trials, section
 from service.mapping.sampler import Sampler
 from service.mapping.spec import MappingSpec
 

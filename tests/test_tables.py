@@ -8,11 +8,11 @@ import pytest
 
 from model import tables
 from model.asked import asked_table, checks
-from model.comparison import BLOB, COUNTS, ORACLE, RETRIEVAL
-from model.evaluate import Evaluation
+from model.evaluation.comparison import BLOB, COUNTS, ORACLE, RETRIEVAL
+from model.evaluation.conditions import CONDITIONS, Condition
+from model.evaluation.evaluate import Evaluation
+from model.evaluation.records import Decoder
 from model.metrics import NAMES
-from model.perturb import CONDITIONS, Condition
-from model.records import Decoder
 
 CLASSES = ["bed", "chair", "chair", "other"] * 5
 

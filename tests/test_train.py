@@ -17,11 +17,11 @@ from model.config import EncoderConfig, TrainConfig
 from model.data.build import build
 from model.data.dataset import draw_batch, load_examples
 from model.data.sources.meshes import folder_records
-from model.evaluate import predict
+from model.evaluation.compared import COMPARED
+from model.evaluation.evaluate import predict
+from model.evaluation.records import Record
 from model.export import parity
 from model.networks.decoders import make_network
-from model.records import Record
-from model.retrain import COMPARED
 from model.training.checkpoints import chosen_checkpoint, load_encoder, load_network, predictor
 from model.training.losses import chamfer
 from model.training.train import _sizes, _State, _step, train

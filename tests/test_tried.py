@@ -8,8 +8,8 @@ import small_data
 import small_network
 
 from model import cli, tried
-from model.comparison import ORACLE
-from model.records import Record
+from model.evaluation.comparison import ORACLE
+from model.evaluation.records import Record
 from model.tables import loss
 from model.training.train import _State
 

@@ -10,9 +10,9 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from model.evaluate import POINTS, draw
+from model.evaluation.evaluate import POINTS, draw
+from model.evaluation.records import Decoder
 from model.networks.decoders import Hof
-from model.records import Decoder
 from model.training.checkpoints import load_network, predictor
 from service.encoding.encoder import Encoder
 

@@ -21,10 +21,10 @@ from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
 from model.data.manifest import Split
-from model.evaluate import POINTS, VIEWS, Case, cases, encoded
+from model.evaluation.conditions import png
+from model.evaluation.evaluate import POINTS, VIEWS, Case, cases, encoded
 from model.files import whole_file
 from model.metrics import compare
-from model.perturb import png
 from model.provenance import provenance
 from model.tables import table
 from service.encoding.encoder import Encoder

@@ -7,15 +7,15 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from model.ceiling import fit
 from model.data.manifest import Split
-from model.evaluate import POINTS, Case, Evaluation, cases, draw, encoder_answer, measure, measure_objects
+from model.evaluation.ceiling import fit
+from model.evaluation.conditions import Condition
+from model.evaluation.evaluate import POINTS, Case, Evaluation, cases, draw, encoder_answer, measure, measure_objects
+from model.evaluation.records import Decoder, Record
+from model.evaluation.references import Retrieval, Training, blob
+from model.evaluation.timing import mapping_decoder, network_decoder
 from model.metrics import compare, floor
-from model.perturb import Condition
 from model.provenance import provenance
-from model.records import Decoder, Record
-from model.reference import Retrieval, Training, blob
-from model.timing import mapping_decoder, network_decoder
 from model.training.checkpoints import chosen_checkpoint, load_network, predictor
 from service.encoding.encoder import Encoder
 from service.encoding.framing import preprocess

@@ -17,8 +17,8 @@ import numpy.typing as npt
 from tqdm import tqdm
 
 from model.data.manifest import Entry, Manifest, Split
+from model.evaluation.conditions import Condition, condition_views, png
 from model.metrics import NAMES, compare
-from model.perturb import Condition, condition_views, png
 from service.encoding.encoder import Encoder
 from service.encoding.framing import preprocess
 from service.mapping.sampler import Sampler

@@ -4,9 +4,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from model.comparison import run_record
 from model.config import TrainConfig
 from model.data.manifest import Split
+from model.evaluation.comparison import run_record
 from model.training.train import train
 from service.mapping.spec import HOF_1, HOF_3
 

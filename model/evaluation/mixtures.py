@@ -14,15 +14,15 @@ import numpy.typing as npt
 from PIL import Image
 from tqdm import tqdm
 
-from model.classes import OTHER, class_of
 from model.data.manifest import Entry, Split
-from model.evaluate import VIEWS, Case, cases, encoded
+from model.evaluation.classes import OTHER, class_of
+from model.evaluation.conditions import png
+from model.evaluation.evaluate import VIEWS, Case, cases, encoded
+from model.evaluation.neighbours import Neighbours
+from model.evaluation.references import Training
 from model.files import whole_file
 from model.metrics import nearest
-from model.neighbours import Neighbours
-from model.perturb import png
 from model.provenance import provenance
-from model.reference import Training
 from service.drawing.words import rows_of_words, sheet
 from service.encoding.encoder import Encoder
 from service.mapping.sampler import Sampler

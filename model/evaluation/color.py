@@ -13,14 +13,14 @@ import numpy.typing as npt
 from PIL import Image
 from scipy.spatial import cKDTree
 
-from model.comparison import RETRIEVAL
 from model.data.manifest import Split
-from model.evaluate import POINTS, VIEWS, Case, Evaluation, cases, draw, in_threads
+from model.evaluation.comparison import RETRIEVAL
+from model.evaluation.conditions import png
+from model.evaluation.evaluate import POINTS, VIEWS, Case, Evaluation, cases, draw, in_threads
+from model.evaluation.records import Record
+from model.evaluation.references import Retrieval, Training
 from model.metrics import interval
-from model.perturb import png
 from model.provenance import provenance
-from model.records import Record
-from model.reference import Retrieval, Training
 from model.tables import find, spread, table
 from service.encoding.encoder import Encoder
 from service.encoding.framing import decode, frame, over_white
