@@ -208,8 +208,8 @@ def _evaluate(arguments: argparse.Namespace) -> None:
     from model.evaluation import comparison
     from model.evaluation.conditions import Condition
     from model.evaluation.evaluate import cases
-    from model.sheets import first_objects
-    from model.tables import card_table
+    from model.report.sheets import first_objects
+    from model.report.tables import card_table
     from service.encoding.encoder import Encoder
 
     if arguments.folder and (arguments.ceiling or arguments.picture):
@@ -244,12 +244,12 @@ def _retrain(arguments: argparse.Namespace) -> None:
 
 
 def _export(arguments: argparse.Namespace) -> None:
-    from model.card import figures, make_card, page
     from model.data.manifest import Manifest
     from model.evaluation.comparison import encoder_record, references
     from model.export import export
     from model.files import whole_file
     from model.networks.color_head import load
+    from model.report.card import figures, make_card, page
     from model.training.checkpoints import chosen_checkpoint, load_encoder
     from service.encoding.encoder import Encoder
 
@@ -271,7 +271,7 @@ def _export(arguments: argparse.Namespace) -> None:
 
 
 def _mixtures(arguments: argparse.Namespace) -> None:
-    from model.mixture_report import write
+    from model.report.mixtures import write
     from service.encoding.encoder import Encoder
 
     encoder = Encoder.open(arguments.model, threads=1)
@@ -280,7 +280,7 @@ def _mixtures(arguments: argparse.Namespace) -> None:
 
 def _surfaces(arguments: argparse.Namespace) -> None:
     from model.evaluation.surfaces import FILE, measure_surfaces, section
-    from model.report import FOLDER
+    from model.report.page import FOLDER
 
     found = measure_surfaces(arguments.model, arguments.data, arguments.split, arguments.seed)
     found.write(arguments.out / FOLDER / FILE)
@@ -288,7 +288,7 @@ def _surfaces(arguments: argparse.Namespace) -> None:
 
 
 def _results(arguments: argparse.Namespace) -> None:
-    from model.report import report
+    from model.report.page import report
 
     models = arguments.model or [SHIPPED, *sorted(set(SHIPPED.parent.glob("*.onnx")) - {SHIPPED})]
     print(report(models, arguments.data, arguments.split, arguments.out, arguments.seed))

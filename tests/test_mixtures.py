@@ -16,7 +16,7 @@ from model.evaluation.conditions import png
 from model.evaluation.evaluate import cases
 from model.evaluation.mixtures import AVERAGE, Mixtures, draw_pairs, mixed_words
 from model.metrics import nearest
-from model.mixture_report import section, verdict
+from model.report.mixtures import section, verdict
 from service.encoding.encoder import Encoder
 from service.encoding.framing import preprocess
 from service.mapping.sampler import Sampler

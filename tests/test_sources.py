@@ -14,7 +14,7 @@ from model.data.sources.meshes import MeshRecord, folder_records, load_parts
 from model.data.sources.photographs import FOLDER, photograph_files
 from model.data.sources.sweethome3d import CATALOGUE, frozen_split, parse_catalogue, sh3f_files, sh3f_records
 from model.evaluation.records import Record
-from model.report import FOLDER as FIGURES
+from model.report.page import FOLDER as FIGURES
 from service.encoding.encoder import Encoder
 
 PROPERTIES = """# comment

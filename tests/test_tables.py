@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model import tables
-from model.asked import asked_table, checks
 from model.evaluation.comparison import BLOB, COUNTS, ORACLE, RETRIEVAL
 from model.evaluation.conditions import CONDITIONS, Condition
 from model.evaluation.evaluate import Evaluation
 from model.evaluation.records import Decoder
 from model.metrics import NAMES
+from model.report import tables
+from model.report.targets import asked_table, checks
 
 CLASSES = ["bed", "chair", "chair", "other"] * 5
 

@@ -7,10 +7,11 @@ import pytest
 import small_data
 import small_network
 
-from model import cli, tried
+from model import cli
 from model.evaluation.comparison import ORACLE
 from model.evaluation.records import Record
-from model.tables import loss
+from model.report import runs
+from model.report.tables import loss
 from model.training.train import _State
 
 
@@ -23,27 +24,27 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "run").mkdir()
     state.save(folder / "run", score=0)
     asked = ["evaluate", "--run", str(folder / "run"), "--data", str(data), "--split", "test", "--photographs"]
-    assert cli.main([*asked, "--references", "-o", str(folder / tried.FOLDER / "run-1.json")]) == 0
+    assert cli.main([*asked, "--references", "-o", str(folder / runs.FOLDER / "run-1.json")]) == 0
     return folder
 
 
 def test_a_run_and_the_oracle_beside_it_have_a_row_each(root: Path) -> None:
-    record = Record.read(root / tried.FOLDER / "run-1.json")
-    own, oracle = (line for line in tried.section(root).splitlines() if line.startswith(("| run-1", f"| {ORACLE}")))
+    record = Record.read(root / runs.FOLDER / "run-1.json")
+    own, oracle = (line for line in runs.section(root).splitlines() if line.startswith(("| run-1", f"| {ORACLE}")))
     assert own.startswith("| run-1 | 1,234 | 1.5 |")
     assert own.endswith(f"| {loss(record.evaluations, 'run-1', 'photograph'):.1f}% |")
     figures = next(found.column("f@2%") for found in record.evaluations if found.method == ORACLE)
     assert f"{np.mean(figures):.3f} (" in oracle
-    assert "2 objects of the\ntest split" in tried.section(root)
+    assert "2 objects of the\ntest split" in runs.section(root)
 
 
 def test_the_oracle_has_one_row_however_many_runs_stand_beside_it(root: Path, tmp_path: Path) -> None:
-    record = Record.read(root / tried.FOLDER / "run-1.json")
+    record = Record.read(root / runs.FOLDER / "run-1.json")
     for name in ("run-1", "run-2"):
-        record.write(tmp_path / tried.FOLDER / f"{name}.json")
-    lines = tried.section(tmp_path).splitlines()
+        record.write(tmp_path / runs.FOLDER / f"{name}.json")
+    lines = runs.section(tmp_path).splitlines()
     assert sum(line.startswith(f"| {ORACLE}") for line in lines) == 1
 
 
 def test_without_records_there_is_no_section(tmp_path: Path) -> None:
-    assert tried.section(tmp_path) == ""
+    assert runs.section(tmp_path) == ""

@@ -21,7 +21,7 @@ from model.evaluation.records import Record
 from model.evaluation.references import Retrieval, Training
 from model.metrics import interval
 from model.provenance import provenance
-from model.tables import find, spread, table
+from model.report.tables import find, spread, table
 from service.encoding.encoder import Encoder
 from service.encoding.framing import decode, frame, over_white
 from service.mapping.color import ColorSampler

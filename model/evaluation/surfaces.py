@@ -26,7 +26,7 @@ from model.evaluation.evaluate import POINTS, VIEWS, Case, cases, encoded
 from model.files import whole_file
 from model.metrics import compare
 from model.provenance import provenance
-from model.tables import table
+from model.report.tables import table
 from service.encoding.encoder import Encoder
 from service.mapping.sampler import Sampler
 from service.mapping.spec import word_of

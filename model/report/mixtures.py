@@ -19,7 +19,7 @@ from model.evaluation.mixtures import (
     mixed_words,
 )
 from model.metrics import interval
-from model.tables import spread, table
+from model.report.tables import spread, table
 from service.drawing.words import rows_of_words
 from service.encoding.encoder import Encoder
 

@@ -8,7 +8,7 @@ from model.data.sources.sweethome3d import frozen_split
 from model.evaluation.evaluate import Evaluation
 from model.metrics import NAMES, interval
 from model.provenance import provenance
-from model.tables import table
+from model.report.tables import table
 
 TRUNKS = {
     "dense": "the paper's DenseNet, trained from scratch",

@@ -6,7 +6,7 @@ from typing import Final
 from model.evaluation.comparison import ORACLE
 from model.evaluation.records import Record
 from model.metrics import NAMES, interval
-from model.tables import find, loss, spread, table
+from model.report.tables import find, loss, spread, table
 
 FOLDER: Final = Path("model/results/tried")  # below the project's root
 

@@ -5,8 +5,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from model import mixture_report, tables, tried
-from model.asked import asked_table, checks
 from model.data.manifest import Split
 from model.evaluation import surfaces
 from model.evaluation.classes import class_of
@@ -17,7 +15,9 @@ from model.evaluation.conditions import CONDITIONS, FREE_VIEWS
 from model.evaluation.evaluate import POINTS, VIEWS, Case, Evaluation, cases
 from model.evaluation.records import Decoder, Record
 from model.evaluation.timing import encoder_ms
-from model.sheets import SHOWN, SHOWN_PER_CLASS, everyday_objects, first_objects
+from model.report import mixtures, runs, tables
+from model.report.sheets import SHOWN, SHOWN_PER_CLASS, everyday_objects, first_objects
+from model.report.targets import asked_table, checks
 from service.encoding.encoder import Encoder
 
 FOLDER: Final = Path("model/results")  # below the project's root
@@ -84,7 +84,7 @@ def report(models: Sequence[Path], data: Path, split: Split, root: Path, seed: i
     classes = [class_of(case.entry) for case in objects]
     asked = asked_table(checks(_evaluations(ours, others), ours.method, classes, shipped.bytes_, shipped.ms))
     measured = surfaces.section(surfaces.Trials.read(folder / surfaces.FILE))
-    sections = [tried.section(root), measured, mixture_report.section(root), color_section(color) if color else ""]
+    sections = [runs.section(root), measured, mixtures.section(root), color_section(color) if color else ""]
     page = markdown(ours, others, shipped, classes, asked, [section for section in sections if section])
     (root / "RESULTS.md").write_text(page, encoding="utf-8")
     return asked
@@ -100,7 +100,7 @@ def read_others(folder: Path, ours: str, split: Split, objects: Sequence[Case]) 
     ids = tuple(case.entry.id for case in objects)
     found = []
     for path in sorted(set(folder.glob("*.json")) - {folder / surfaces.FILE}):
-        if path.name.startswith(mixture_report.PREFIX):
+        if path.name.startswith(mixtures.PREFIX):
             continue
         record = Record.read(path)
         if record.method == ours:

@@ -11,7 +11,7 @@ from model.evaluation.comparison import BLOB, ORACLE, RETRIEVAL
 from model.evaluation.conditions import CONDITIONS, Condition
 from model.evaluation.evaluate import Evaluation
 from model.metrics import class_uniform, interval
-from model.tables import find, loss, spread, table
+from model.report.tables import find, loss, spread, table
 
 BETTER: Final = {"cd_forward": -1, "cd_backward": -1, "f@1%": 1, "f@2%": 1, "f@5%": 1}  # the sign of a gain
 ORACLE_SHARE: Final = 0.75  # of the oracle's F@1%, at least; all of it is the stretch
