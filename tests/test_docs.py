@@ -10,7 +10,7 @@ import httpx
 import pytest
 from conftest import Server, disc, image_file
 
-from model.cli import _parser as model_parser
+from model.cli.main import _parser as model_parser
 from service import cli
 from service.formats.mesh.registry import MESH_FORMATS
 from service.formats.points.registry import POINT_FORMATS

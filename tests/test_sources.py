@@ -9,7 +9,7 @@ import trimesh
 from PIL import Image
 from shapes import SHAPES, write_folder
 
-from model.cli import ROOT, SHIPPED
+from model.cli.main import ROOT, SHIPPED
 from model.data.sources.meshes import MeshRecord, folder_records, load_parts
 from model.data.sources.photographs import FOLDER, photograph_files
 from model.data.sources.sweethome3d import CATALOGUE, frozen_split, parse_catalogue, sh3f_files, sh3f_records

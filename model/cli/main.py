@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from model.data.stages import DATA, add_stages
+from model.cli.data import DATA, add_stages
 from service.errors import HofError
 
 if TYPE_CHECKING:
