@@ -56,12 +56,12 @@ def main() -> int:
 def ours(spec: MappingSpec, *, fast: bool, folded: bool = True) -> Callable[[int], None]:
     """Our sampler as users call it: n -> all points drawn, mapped and dropped."""
     theta = initial_theta(spec)
-    compiled = compiled.load() if fast else None
+    kernel = compiled.load() if fast else None
     begin = folding.FROM if folded else sys.maxsize
 
     def run(n: int) -> None:
         with (
-            mock.patch.object(kernel, "load", return_value=compiled),  # as if numba were there, or not
+            mock.patch.object(compiled, "load", return_value=kernel),  # as if numba were there, or not
             mock.patch.object(folding, "FROM", begin),
         ):
             for _ in sample(spec, [theta] * spec.k, n):

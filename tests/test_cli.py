@@ -10,13 +10,13 @@ import pytest
 import tiny_model
 from conftest import disc, image_file
 
-from service import server
 from service.api.keys import make_key
 from service.cli.main import main
 from service.formats.mesh.registry import MESH_FORMATS
 from service.formats.points.registry import POINT_FORMATS
 from service.formats.weights import Weights, dump, load
 from service.mapping.spec import MappingSpec, initial_theta
+from service.server import serve as server
 from service.settings import Settings
 
 

@@ -129,7 +129,8 @@ def test_onnxruntime_tells_its_maker_nothing(model_path: Path, tmp_path: Path) -
     """It would keep the id by which it tells and what it has to tell in the user's cache."""
     home = tmp_path / "home"
     home.mkdir()
-    program = f"from pathlib import Path; from service.encoding.encoder import Encoder; Encoder.open(Path({str(model_path)!r}), 1)"
+    encoder = "service.encoding.encoder"
+    program = f"from pathlib import Path; from {encoder} import Encoder; Encoder.open(Path({str(model_path)!r}), 1)"
     root = str(Path(__file__).parents[1])
     subprocess.run(
         [sys.executable, "-c", program],

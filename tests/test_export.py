@@ -8,7 +8,7 @@ import pytest
 import small_network
 import torch
 
-from model import cli
+from model.cli.main import SHIPPED
 from model.export import TOLERANCE, export
 from model.networks.encoder import ImageEncoder
 from model.training.checkpoints import load_encoder
@@ -18,7 +18,7 @@ from service.mapping.spec import MappingSpec
 
 @pytest.mark.parametrize("name", ["hof1-k2", "hof1-k4"])
 def test_the_shipped_weights_are_checkpoints(name: str) -> None:
-    file = cli.SHIPPED.parent / f"{name}.onnx"
+    file = SHIPPED.parent / f"{name}.onnx"
     encoder, config, _ = load_encoder(file)
     images = np.random.default_rng(0).random((2, 3, config.framing.size, config.framing.size), np.float32)
     theta = np.stack([functions.theta for functions in Encoder.open(file, threads=1).encode(images)])

@@ -89,7 +89,7 @@ def test_an_encoder_that_hangs_is_not_ready_and_recovers(
     slow: Server, quick: httpx.Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name, seconds in {"FRESH_S": 0.0, "PATIENCE_S": 0.05, "SILENCE_S": 0.2}.items():
-        monkeypatch.setattr(vital, name, seconds)
+        monkeypatch.setattr(liveness, name, seconds)
     with ThreadPoolExecutor(1) as pool:
         hanging = pool.submit(quick.post, PATH, content=plain(0))
         until(lambda: quick.get("/health/ready").status_code == 503)

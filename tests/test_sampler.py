@@ -1,4 +1,4 @@
-"""The sampler, on plain NumPy and on the compiled compiled."""
+"""The sampler, on plain NumPy and on the compiled kernel."""
 
 import tracemalloc
 from collections import deque
@@ -23,10 +23,10 @@ WIDE = MappingSpec("wide", 3, (256, 256), 3)
 
 @pytest.fixture(params=["numpy", "fast"], autouse=True, scope="module")
 def engine(request: pytest.FixtureRequest) -> Iterator[str]:
-    """Every test runs on plain NumPy and on the compiled compiled."""
+    """Every test runs on plain NumPy and on the compiled kernel."""
     with pytest.MonkeyPatch.context() as patch:
         if request.param == "numpy":
-            patch.setattr(kernel, "load", lambda: None)
+            patch.setattr(compiled, "load", lambda: None)
         else:
             assert compiled.load() is not None, "numba is missing: the extra `fast` is a part of `dev`"
         yield request.param
@@ -115,8 +115,8 @@ def test_a_fold_is_exact_inside_its_box_and_whole_outside() -> None:
     fold = Fold(spec, theta, -box, box, 5)
     x = np.random.default_rng(0).uniform(-2, 2, (3, 5_000)).astype(np.float32)
     expected = apply(spec, theta, np.ascontiguousarray(x.T)).T
-    compiled = compiled.load()
-    evaluate = CompiledFold(fold, compiled) if compiled else NumpyFold(fold)
+    kernel = compiled.load()
+    evaluate = CompiledFold(fold, kernel) if kernel else NumpyFold(fold)
     np.testing.assert_allclose(evaluate.map(x), expected, atol=2e-6 * np.abs(expected).max())
     outside = (np.abs(x) > 1).any(axis=0)
     assert 0 < outside.mean() < 1

@@ -38,7 +38,7 @@ async def _hang() -> None:
 def test_a_part_is_believed_as_long_as_its_last_answer_was_good(
     pings: list[Ping], told: list[bool], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(vital, "PATIENCE_S", 0.01)
+    monkeypatch.setattr(liveness, "PATIENCE_S", 0.01)
     coming = iter(pings)
 
     async def ask() -> list[bool]:

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from service.mapping.spec import MappingSpec
 
 RUN: Final = Path("runs/hof1-k2")
-SHIPPED: Final = Path(__file__).resolve().parent / "weights" / "hof1-k2.onnx"
-ROOT: Final = Path(__file__).resolve().parent.parent
+SHIPPED: Final = Path(__file__).resolve().parents[1] / "weights" / "hof1-k2.onnx"
+ROOT: Final = Path(__file__).resolve().parents[2]
 SPLITS: Final = ("train", "val", "test")
 
 

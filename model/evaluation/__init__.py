@@ -1,1 +1,1 @@
-"""TODO."""
+"""Measurements of trained models."""

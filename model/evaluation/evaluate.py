@@ -1,7 +1,7 @@
 """Measure answers on a split, along the path that a user's bytes take.
 
-Each view becomes a PNG; `service.encoding.framing` decodes and frames it, `service.encoding.encoder` runs the ONNX file,
-`service.mapping.sampler` draws the points. Objects are measured in threads; every figure is a mean over an
+Each view becomes a PNG; `service.encoding` decodes and frames it and runs the ONNX file, `service.mapping.sampler`
+draws the points. Objects are measured in threads; every figure is a mean over an
 object's views.
 """
 

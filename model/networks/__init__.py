@@ -1,1 +1,1 @@
-"""TODO."""
+"""Networks: the image encoder, the mapping function in torch, and the decoders they are compared with."""

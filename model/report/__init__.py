@@ -1,1 +1,1 @@
-"""TODO."""
+"""Markdown and pictures: RESULTS.md, model cards."""

@@ -153,7 +153,7 @@ def _head(ours: Record, shipped: Shipped) -> str:
     training = made["training"]
     return f"""# Results
 
-Written by `make results`: the shipped weights, evaluated along the path of a user's bytes (PNG, `service.encoding.framing`,
+Written by `make results`: the shipped weights, evaluated along the path of a user's bytes (PNG, `service.encoding`,
 the ONNX file, the sampler), beside answers that need no training and the raw metrics in `{FOLDER}`.
 
 - Machine: {made["machine"]}. Date: {made["date"]}. Seed: {made["seed"]}. Commit: {made["commit"]}.
@@ -189,8 +189,8 @@ def _classes(evaluations: Sequence[Evaluation], classes: Sequence[str], ours: Re
     beaten = [id_ for id_, here, there in zip(ours.ids, found, blob, strict=True) if here <= there]
     return f"""## Classes
 
-By rules on the catalogue's names (`model/evaluation/classes.py`). Class-uniform means count every class alike, class-weighted
-ones every object.
+By rules on the catalogue's names (`model/evaluation/classes.py`). Class-uniform means count every class alike,
+class-weighted ones every object.
 
 {tables.per_class(evaluations, [ours.method, RETRIEVAL, ORACLE, BLOB], classes)}
 

@@ -1,1 +1,1 @@
-"""TODO."""
+"""Training runs: steps, losses, checkpoints."""

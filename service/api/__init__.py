@@ -1,1 +1,1 @@
-"""TODO."""
+"""The HTTP API: the application, its routes and middleware, and its problems."""

@@ -33,7 +33,7 @@ def openapi_text(app: FastAPI) -> str:
 
 
 def _add_refusals(operation: dict[str, Any]) -> None:
-    """What `service.api.middleware.access` may answer, and with what it lets in: nothing, where the service has no keys."""
+    """Add the refusals of `service.api.middleware.access`, and the credentials it takes, if any."""
     operation["security"] = [{}, *({name: []} for name in SECURITY_SCHEMES)]
     content = {"application/problem+json": {"schema": {"$ref": "#/components/schemas/Problem"}}}
     for status, description in REFUSALS.items():

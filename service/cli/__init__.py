@@ -1,1 +1,5 @@
-"""TODO."""
+"""The `hof` command."""
+
+from service.cli.main import main
+
+__all__ = ["main"]

@@ -1,1 +1,1 @@
-"""TODO."""
+"""From the bytes of a photo to theta: decoding, matting, framing, inference."""

@@ -1,1 +1,41 @@
-"""TODO."""
+"""The mapping function: its spec and theta, canonical points, and ways to evaluate it over many points."""
+
+from service.mapping.spec import (
+    DOMAIN_DIMS,
+    HOF_1,
+    HOF_3,
+    Activation,
+    Array,
+    Color,
+    Colors,
+    Domain,
+    Functions,
+    MappingSpec,
+    apply,
+    compose,
+    initial_theta,
+    joined,
+    layers,
+    power,
+    word_of,
+)
+
+__all__ = [
+    "DOMAIN_DIMS",
+    "HOF_1",
+    "HOF_3",
+    "Activation",
+    "Array",
+    "Color",
+    "Colors",
+    "Domain",
+    "Functions",
+    "MappingSpec",
+    "apply",
+    "compose",
+    "initial_theta",
+    "joined",
+    "layers",
+    "power",
+    "word_of",
+]

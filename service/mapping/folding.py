@@ -149,25 +149,25 @@ class _Scratch:
 
 
 class CompiledFold:
-    """A fold's values by the compiled compiled."""
+    """A fold's values by the compiled kernel."""
 
     GRID: Final = 6
 
-    def __init__(self, fold: Fold, compiled: Compiled) -> None:
-        self._fold, self._compiled = fold, compiled
+    def __init__(self, fold: Fold, kernel: Compiled) -> None:
+        self._fold, self._kernel = fold, kernel
         counts = fold.crossing.sum(axis=1)
         self._starts = np.zeros(len(counts) + 1, np.int64)
         np.cumsum(-(-counts // compiled.LANES) * compiled.LANES, out=self._starts[1:])
         self._units = np.zeros((7, self._starts[-1]), np.float32)
-        compiled.pack(fold.crossing, np.concatenate([fold.first.T, fold.second]), self._starts, self._units)
+        kernel.pack(fold.crossing, np.concatenate([fold.first.T, fold.second]), self._starts, self._units)
 
     def map(self, x: Array) -> Array:
         """(3, n) float32 -> (3, n)."""
-        compiled, fold = self._compiled, self._fold
+        kernel, fold = self._kernel, self._fold
         order, ends = np.empty(x.shape[1], np.int32), np.empty(len(fold.affine), np.int64)
-        compiled.sort(x, fold.origin, fold.per_unit, fold.grid, order, ends)
+        kernel.sort(x, fold.origin, fold.per_unit, fold.grid, order, ends)
         y = np.empty_like(x)
-        compiled.evaluate(x, order, ends, self._starts, self._units, fold.affine, y)
+        kernel.evaluate(x, order, ends, self._starts, self._units, fold.affine, y)
         return y
 
 
@@ -180,9 +180,9 @@ class FoldedWord:
     def __init__(self, spec: MappingSpec, word: Sequence[Array]) -> None:
         self._spec = spec
         self._thetas = word[::-1]  # as applied
-        compiled, box = compiled.load(), np.ones(3)
-        self._engine: type[NumpyFold | CompiledFold] = CompiledFold if compiled else NumpyFold
-        self._make = partial(CompiledFold, compiled=compiled) if compiled else NumpyFold
+        kernel, box = compiled.load(), np.ones(3)
+        self._engine: type[NumpyFold | CompiledFold] = CompiledFold if kernel else NumpyFold
+        self._make = partial(CompiledFold, kernel=kernel) if kernel else NumpyFold
         self._whole = each_once(lambda theta: self._make(Fold(spec, theta, -box, box, 0)), self._thetas)
 
     def map(self, x: Array, first: int) -> Array:

@@ -1,1 +1,1 @@
-"""TODO."""
+"""Stored objects: the database, its migrations, ids."""

@@ -1,1 +1,1 @@
-"""TODO."""
+"""Objects made by rule, for training only."""

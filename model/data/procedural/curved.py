@@ -1,4 +1,4 @@
-"""Designs with curved walls at random, as `model.data.procedural.seating` has flat ones: tub and shell chairs, boards, cloths."""
+"""Random designs with curved walls: tub and shell chairs, boards, cloths. `seating` has those with flat walls."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Designs of cabinets, shelves, lamps, vessels, basins and appliances at random, as `model.data.procedural.seating` has seats."""
+"""Random designs of cabinets, shelves, lamps, vessels, basins and appliances."""
 
 import itertools
 import math

@@ -1,5 +1,4 @@
-"""Designs of sofas and armchairs at random, as `model.data.procedural.seating` has chairs: box, cushions, a back and arms of many
-kinds, some around a corner."""
+"""Random designs of sofas and armchairs: a box, cushions, a back and arms of many kinds, some around a corner."""
 
 from dataclasses import dataclass
 

@@ -1,1 +1,1 @@
-"""TODO."""
+"""Views and surface points of meshes."""

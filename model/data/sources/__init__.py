@@ -1,1 +1,1 @@
-"""TODO."""
+"""Meshes and photographs from outside."""

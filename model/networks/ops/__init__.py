@@ -1,1 +1,1 @@
-"""TODO."""
+"""Operations whose gradients are written out, compiled where that pays."""

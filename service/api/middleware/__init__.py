@@ -1,1 +1,1 @@
-"""TODO."""
+"""ASGI middleware, one concern a file."""

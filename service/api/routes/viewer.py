@@ -18,7 +18,7 @@ from starlette.types import Scope
 
 from service.errors import NotFound
 
-STATIC: Final = Path(__file__).resolve().parents[1] / "viewer" / "static"
+STATIC: Final = Path(__file__).resolve().parents[2] / "viewer" / "static"
 BUNDLE: Final = STATIC / "bundle"
 NOT_BUILT: Final = (
     "this page was left out when the service was installed, for want of npm: install Node.js, then the service again "

@@ -1,1 +1,1 @@
-"""TODO."""
+"""HTTP without routes: bodies, disconnects, caching, content negotiation."""

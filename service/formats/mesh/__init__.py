@@ -1,1 +1,1 @@
-"""TODO."""
+"""Surfaces as files, one module per format."""

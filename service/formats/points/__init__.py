@@ -1,1 +1,1 @@
-"""TODO."""
+"""Point clouds as files, one module per format."""

@@ -32,7 +32,7 @@ def migrate(connection: Connection) -> None:
     """
     _lock(connection)
     config = Config()
-    config.set_main_option("script_location", "service:migrations")
+    config.set_main_option("script_location", "service.storage:migrations")
     config.attributes["connection"] = connection
     scripts = ScriptDirectory.from_config(config)
     newest = scripts.get_current_head()
