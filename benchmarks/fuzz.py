@@ -1,6 +1,6 @@
 """Damaged images at a real server: every one is answered, none by a fault. `python -m benchmarks.fuzz --count 10000`.
 
-What failed is told by its number: `benchmarks.mutations.mutant(number)` makes it again.
+What failed is told by its number: `tests.support.mutations.mutant(number)` makes it again.
 """
 
 import argparse
@@ -16,10 +16,10 @@ from typing import Final
 import aiohttp
 
 from benchmarks.generator import LOST, each, session
-from benchmarks.mutations import mutant
-from benchmarks.processes import SERVER_CORE, hof, serving, status_bytes
 from benchmarks.report import Asked, asked_table
 from service.settings import MIB
+from tests.support.mutations import mutant
+from tests.support.processes import SERVER_CORE, hof, serving, status_bytes
 
 CLIENTS: Final = 8
 WARM_UP: Final = 0.2  # of the images: from then on memory is compared

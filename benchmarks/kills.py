@@ -18,11 +18,11 @@ from typing import Final
 import httpx
 import numpy as np
 
-from benchmarks.processes import is_ready, killable
 from benchmarks.report import Asked
 from service.formats.weights import Weights, dump
 from service.mapping.spec import MappingSpec, initial_theta
 from service.storage.ids import composed_id
+from tests.support.processes import is_ready, killable
 
 SPEC: Final = MappingSpec("small", 3, (64,), 3, k=2)
 WRITERS: Final = 4

@@ -22,13 +22,13 @@ from benchmarks.comparison import compare
 from benchmarks.fuzz import fuzz
 from benchmarks.kills import faults
 from benchmarks.overload import overload, tried
-from benchmarks.processes import SERVER_CORE, others, pin_to
 from benchmarks.report import Asked, asked_table
 from benchmarks.timing import in_turn
 from model.provenance import provenance
 from service.encoding.encoder import Encoder
 from service.runtime.batcher import MAX_BATCH, Batcher
 from service.settings import SHIPPED_MODEL
+from tests.support.processes import SERVER_CORE, others, pin_to
 
 FOLDER: Final = Path(__file__).resolve().parent
 PARTS: Final = ("batching", "overload", "tried", "peers", "faults", "fuzz")

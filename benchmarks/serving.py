@@ -9,11 +9,11 @@ from typing import Final
 import httpx
 import numpy as np
 
-from benchmarks.processes import hof, others, reset_peak, serving, status_bytes
 from benchmarks.timing import Seconds, seconds
 from service.formats.weights import Weights, dump
 from service.mapping.sampler import sample
 from service.mapping.spec import HOF_1, initial_theta
+from tests.support.processes import hof, others, reset_peak, serving, status_bytes
 
 SPEC: Final = HOF_1.with_k(2)
 LARGE: Final = 10_000_000

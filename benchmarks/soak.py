@@ -19,12 +19,12 @@ import numpy as np
 
 from benchmarks.generator import each, session
 from benchmarks.photos import photos
-from benchmarks.processes import SERVER_CORE, hof, others, pin_to, serving, status_bytes
 from benchmarks.report import Asked, asked_table
 from model.provenance import provenance
 from service.formats.weights import Weights, dump
 from service.mapping.spec import HOF_1, initial_theta
 from service.settings import MIB
+from tests.support.processes import SERVER_CORE, hof, others, pin_to, serving, status_bytes
 
 CLIENTS: Final = 8
 SAMPLES: Final = 400  # of resident memory

@@ -1,11 +1,6 @@
 """A tiny model, photos, databases, and a real server on a free port."""
 
-import contextlib
-import io
-import os
-import subprocess
 import sys
-import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,17 +8,13 @@ from pathlib import Path
 import httpx
 import numpy as np
 import pytest
-import tiny_model
-import uvicorn
-from PIL import Image, ImageDraw
-from postgres import Postgres, running_postgres
 
-from service.api.app import create_app
 from service.encoding.encoder import Encoder
-from service.server.http_protocol import bounded_heads
 from service.settings import Settings
-
-EVERY_DATABASE = pytest.mark.parametrize("database_url", ["sqlite", "postgresql"], indirect=True)
+from tests.support.photos import disc, image_file
+from tests.support.postgres import Postgres, running_postgres
+from tests.support.server import Server, running
+from tests.support.small import model as tiny_model
 
 
 @pytest.fixture(scope="session")
@@ -41,8 +32,7 @@ def database_url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
     return postgres.create()
 
 
-ROOT = Path(__file__).parents[1]
-pytest_plugins = ["browsing"]
+pytest_plugins = ["tests.support.browsing"]
 
 
 @pytest.fixture(scope="session")
@@ -94,72 +84,6 @@ def settings(model_path: Path, database_url: str) -> Settings:
     )
 
 
-class Server(uvicorn.Server):
-    """A server and the address it is bound to."""
-
-    @property
-    def port(self) -> int:
-        port: int = self.servers[0].sockets[0].getsockname()[1]
-        return port
-
-
-@contextlib.contextmanager
-def running(settings: Settings) -> Iterator[Server]:
-    """The service in a thread, over a real socket, until the block ends."""
-    http = bounded_heads(settings.client_timeout_s)
-    config = uvicorn.Config(create_app(settings), port=0, http=http, log_level="warning", lifespan="on", ws="none")
-    server = Server(config)
-    thread = threading.Thread(target=server.run)
-    thread.start()
-    while not server.started and thread.is_alive():
-        time.sleep(0.005)
-    assert server.started
-    try:
-        yield server
-    finally:
-        server.should_exit = True
-        thread.join()
-
-
-def check_refused(answer: httpx.Response, field: str, limit: str) -> None:
-    """A 422 of one parameter, which it names, with its limit."""
-    assert answer.status_code == 422
-    (error,) = answer.json()["errors"]
-    assert error["field"] == field
-    assert limit in error["message"]
-
-
-@contextlib.contextmanager
-def hof_serve(
-    folder: Path, model: Path, *flags: str, **environment: str
-) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
-    """`hof serve` in a process of its own, which logs to folder/log: its address, and the process."""
-    log = folder / "log"
-    command = [
-        str(Path(sys.executable).with_name("hof")),
-        "serve",
-        "--port",
-        "0",
-        "--model",
-        str(model),
-        "--threads",
-        "1",
-    ]
-    command += ["--database-url", f"sqlite:///{folder / 'hof.db'}", *flags]
-    with log.open("wb") as file:
-        process = subprocess.Popen(
-            command, stderr=file, cwd=folder, env={**os.environ, "PYTHONPATH": str(ROOT), **environment}
-        )
-    try:
-        while "startup complete" not in (text := log.read_text()) or "running on" not in text:
-            assert process.poll() is None, text
-            time.sleep(0.05)
-        yield text.split("running on ")[1].split()[0], process
-    finally:
-        process.terminate()
-        process.wait(60)
-
-
 @pytest.fixture
 def server(settings: Settings) -> Iterator[Server]:
     with running(settings) as server:
@@ -178,20 +102,6 @@ def colored(settings: Settings, colored_path: Path) -> Iterator[httpx.Client]:
     in_color = settings.model_copy(update={"model": (colored_path,)})
     with running(in_color) as server, httpx.Client(base_url=f"http://127.0.0.1:{server.port}", timeout=60) as client:
         yield client
-
-
-def image_file(image: Image.Image, kind: str = "PNG", **options: object) -> bytes:
-    """The image as a file's bytes."""
-    buffer = io.BytesIO()
-    image.save(buffer, kind, **options)
-    return buffer.getvalue()
-
-
-def disc(colour: str = "red", size: tuple[int, int] = (120, 90), at: tuple[int, int] = (40, 30)) -> Image.Image:
-    """A disc of 41 pixels on white, its box's corner at `at`."""
-    image = Image.new("RGB", size, "white")
-    ImageDraw.Draw(image).ellipse((*at, at[0] + 40, at[1] + 40), fill=colour)
-    return image
 
 
 @pytest.fixture

@@ -1,0 +1,105 @@
+"""Figures of methods whose answers are known, and the path that an image takes."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from model import cli
+from model.config import Method, TrainConfig
+from model.evaluation.comparison import CEILING, ceiling_record, encoder_record, references
+from model.evaluation.conditions import CONDITIONS
+from model.evaluation.evaluate import cases, measure, measure_objects, predict
+from model.evaluation.records import Record
+from model.metrics import NAMES, compare
+from model.training.train import _State
+from service.encoding.encoder import Encoder
+from service.encoding.framing import Framing
+from service.mapping.spec import MappingSpec
+from tests.support.small import data as small_data
+from tests.support.small import network as small_network
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return small_data.write(tmp_path_factory.mktemp("evaluate") / "data", train=4, test=3)
+
+
+def test_a_perfect_answer_is_perfect_and_counts_are_prefixes(data: Path) -> None:
+    objects = list(cases(data, "test"))
+    whole, part = measure("one cloud", lambda _, n: objects[0].points[:n], objects, data, counts=(10_000, 1_000))
+    assert (whole.n, part.n) == (10_000, 1_000)
+    assert whole.column("f@1%")[0] == 1
+    assert whole.column("cd_forward")[0] == 0
+    assert part.column("cd_forward")[0] == 0 < part.column("cd_backward")[0]
+    assert (whole.column("cd_forward")[1:] > 1).all()
+
+
+def test_figures_are_means_over_views(data: Path) -> None:
+    objects = list(cases(data, "test"))[:1]
+    answers = iter([small_data.box(50), small_data.box(51), small_data.box(52), small_data.box(53)])
+    found = measure("four", lambda _, n: next(answers)[:n], objects, data)[0]
+    expected = [compare(small_data.box(number), objects[0].points)["cd_sq"] for number in (50, 51, 52, 53)]
+    assert found.column("cd_sq") == pytest.approx([np.mean(expected)])
+
+
+def test_objects_keep_their_order(data: Path) -> None:
+    objects = list(cases(data, "test"))
+    found = measure_objects("number", lambda case: dict.fromkeys(NAMES, float(case.entry.id[-2:])), objects)
+    assert found.column("f@1%").tolist() == [4, 5, 6]
+
+
+def test_an_encoder_under_every_condition(data: Path, model_path: Path) -> None:
+    encoder = Encoder.open(model_path, 1)
+    record = encoder_record(encoder, data, "test", 0, CONDITIONS, (500, 10_000))
+    assert [(found.condition, found.n) for found in record.evaluations] == [
+        ("plain", 500),
+        *((condition, 10_000) for condition in CONDITIONS),
+    ]
+    case = next(cases(data, "test"))
+    views = [compare(predict(encoder, case.views[view]), case.points) for view in (1, 7, 13, 19)]
+    for name in NAMES:
+        assert record.evaluations[1].column(name)[0] == pytest.approx(np.mean([view[name] for view in views]))
+    assert record.decoder is not None
+    assert (record.decoder.parameters, record.decoder.layers) == (encoder.spec.size, 2)
+
+
+def test_references_stand_in_the_order_that_they_must(data: Path) -> None:
+    found = {(one.method, one.condition): one.column("f@2%").mean() for one in references(data, "test", 0, CONDITIONS)}
+    assert {condition for _, condition in found} == set(CONDITIONS)
+    best = [found[name, "plain"] for name in ("same surface, sampled again", "oracle nearest neighbour")]
+    assert best == sorted(best, reverse=True)
+    for other in ("image retrieval", "random training shape"):
+        assert found["oracle nearest neighbour", "plain"] >= found[other, "plain"]
+
+
+def test_the_ceiling_is_far_above_an_untrained_encoder(
+    data: Path, model_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("model.evaluation.ceiling.STEPS", 150)
+    encoder = Encoder.open(model_path, 1)
+    fitted = ceiling_record(encoder, data, "test", 0).evaluations[0]
+    guessed = encoder_record(encoder, data, "test", 0).evaluations[0]
+    assert fitted.method == f"{CEILING} (tiny, k = 2)"
+    assert (fitted.column("cd_sq") < 0.2 * guessed.column("cd_sq")).all()
+
+
+@pytest.mark.parametrize(
+    ("method", "parameters", "layers"),
+    [("hof", 16 * 3 + 16 + 3 * 16 + 3, 2), ("deepsdf", 1_578_241, 8), ("foldingnet", 1_056_775, 6)],
+)
+def test_a_run_that_is_not_exported(
+    method: Method, parameters: int, layers: int, data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    spec = MappingSpec("small", 3, (16,), 3, k=2, domain="cube")
+    small = small_network.ENCODER
+    _State(TrainConfig(spec=spec, method=method, encoder=small, framing=Framing(32), seed=5)).save(tmp_path, 0.0)
+    command = ["evaluate", "--run", str(tmp_path), "--data", str(data), "--split", "test"]
+    assert cli.main([*command, "-o", str(tmp_path / "rival.json")]) == 0
+    assert "| rival |" in capsys.readouterr().out
+    record = Record.read(tmp_path / "rival.json")
+    assert record.decoder is not None
+    assert (record.decoder.parameters, record.decoder.layers) == (parameters, layers)
+    assert (record.made["seed"], record.made["training"]["config"]["method"]) == (5, method)
+    assert record.ids == ("object04", "object05", "object06")
+    assert np.isfinite(record.evaluations[0].column("cd_sq")).all()

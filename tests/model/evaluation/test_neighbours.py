@@ -1,0 +1,23 @@
+"""The nearest of many objects, against a search that compares them all."""
+
+import numpy as np
+import pytest
+
+from model.evaluation.neighbours import Neighbours
+from model.metrics import nearest
+from tests.support.small import data as small_data
+
+
+@pytest.fixture(scope="module")
+def clouds() -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
+    return np.stack([small_data.box(number, 500) for number in range(30)])
+
+
+@pytest.mark.parametrize("scale", [0.2, 0.9, 1.0, 3.0])  # 3: most of it lies outside the grid
+@pytest.mark.parametrize("number", [3, 40, 41, 42])
+def test_it_is_the_nearest_of_all(
+    clouds: np.ndarray[tuple[int, ...], np.dtype[np.float32]], number: int, scale: float
+) -> None:
+    cloud = small_data.box(number, 400) * np.float32(scale) + np.float32(0.02)
+    expected = min(nearest(cloud, other).mean() + nearest(other, cloud).mean() for other in clouds)
+    assert Neighbours(clouds).distance(cloud) == pytest.approx(expected, rel=1e-6)

@@ -1,0 +1,54 @@
+"""Ways to make surfaces on functions that are known, and their section of RESULTS.md."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from model import cli
+from model.evaluation.surfaces import CLOUD, FILE, SERVED, WAYS, Trials, section
+from service.mapping.sampler import Sampler
+from service.mapping.spec import MappingSpec
+from tests.support.small import data as small_data
+from tests.support.small.trials import trials
+
+SPEC = MappingSpec("identity", 3, (6,), 3, domain="sphere")
+
+
+@pytest.fixture(scope="module")
+def unit_sphere() -> Sampler:
+    eye = np.eye(3, dtype=np.float32)
+    parts = [np.concatenate([eye, -eye]), np.zeros(6), np.concatenate([eye, -eye], axis=1), np.zeros(3)]
+    return Sampler(SPEC, [np.concatenate([part.ravel() for part in parts], dtype=np.float32)])
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_every_way_finds_the_sphere(unit_sphere: Sampler, way: str) -> None:
+    mesh = trimesh.Trimesh(*WAYS[way](unit_sphere), process=False)
+    drawn, _ = trimesh.sample.sample_surface(mesh, 2000, seed=0)
+    np.testing.assert_allclose(np.linalg.norm(drawn, axis=1), 1, atol=0.05)
+    assert np.abs(drawn.mean(axis=0)).max() < 0.05
+
+
+def test_the_section_says_what_is_met() -> None:
+    page = section(trials(0.39, 50))
+    assert f"| {SERVED} | 0.195 | 0.390 | 0.975 | 50% | 15 | 50 | 50 |" in page
+    assert (page.count(", met."), page.count("not met")) == (2, 0)
+    assert section(trials(0.37, 501)).count("**not met**") == 2
+
+
+def test_the_file_is_read_back(tmp_path: Path) -> None:
+    trials(0.3, 2).write(tmp_path / FILE)
+    assert Trials.read(tmp_path / FILE) == trials(0.3, 2)
+    assert Trials.read(tmp_path / FILE) != replace(trials(0.3, 2), trials=[])
+
+
+def test_the_command_measures_every_way(model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    data = small_data.write(tmp_path / "data", train=1, test=1)
+    command = ["surfaces", "--model", str(model_path), "--data", str(data), "-o", str(tmp_path)]
+    assert cli.main(command) == 0
+    found = Trials.read(tmp_path / "model/results" / FILE)
+    assert [trial.way for trial in found.trials] == [CLOUD, *WAYS]
+    assert section(found) in capsys.readouterr().out

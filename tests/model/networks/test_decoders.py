@@ -1,0 +1,76 @@
+"""The methods that are compared: sizes, shapes, and that each decoder is the network it is documented to be."""
+
+from dataclasses import replace
+from typing import get_args
+
+import numpy as np
+import pytest
+import torch
+from torch import nn
+
+from model.config import Method, TrainConfig
+from model.networks.decoders import DIRECT_POINTS, DeepSdf, FoldingNet, Lvc, make_network
+from service.encoding.framing import Framing
+from service.mapping.spec import HOF_1
+from tests.support.small import network as small_network
+
+CONFIG = TrainConfig(
+    spec=replace(HOF_1, domain="cube"),
+    encoder=small_network.ENCODER,
+    framing=Framing(size=32),
+)
+
+
+def count(*modules: nn.Module) -> int:
+    return sum(parameter.numel() for module in modules for parameter in module.parameters())
+
+
+def test_the_decoders_have_the_parameters_of_the_paper() -> None:
+    deepsdf, foldingnet = DeepSdf(CONFIG), FoldingNet(CONFIG)
+    assert count(deepsdf.first, deepsdf.second) == 1_578_241
+    assert count(foldingnet.first, foldingnet.second) == 1_056_775
+
+
+@pytest.mark.parametrize("method", get_args(Method))
+def test_a_method_answers_points_that_follow_image_and_canonical_points(method: Method) -> None:
+    torch.manual_seed(0)
+    network = make_network(replace(CONFIG, method=method)).eval()
+    images, canonical = torch.rand(2, 3, 32, 32), torch.rand(2, 50, 3)
+    points = network(images, canonical)
+    assert points.shape == (2, DIRECT_POINTS if method == "direct" else 50, 3)
+    assert not torch.equal(points, network(1 - images, canonical))
+    assert torch.equal(points, network(images, 1 - canonical)) == (method == "direct")
+
+
+@pytest.mark.parametrize("method", get_args(Method))
+def test_every_weight_of_a_method_is_trained(method: Method) -> None:
+    network = make_network(replace(CONFIG, method=method)).train()
+    network(torch.rand(4, 3, 32, 32), torch.rand(4, 50, 3)).square().sum().backward()
+    assert all(parameter.grad is not None for parameter in network.parameters())
+
+
+def test_a_code_computed_once_is_the_code_at_every_point() -> None:
+    torch.manual_seed(0)
+    layers = Lvc([5, 16, 7])
+    x, code = torch.rand(2, 9, 3), torch.rand(2, 2)
+    plain = nn.Sequential(layers.first, nn.ReLU(), *layers.others)
+    everywhere = torch.cat([x, code.unsqueeze(1).expand(-1, 9, -1)], dim=2)
+    assert layers(x, code).detach().numpy() == pytest.approx(plain(everywhere).detach().numpy(), abs=1e-6)
+
+
+def test_foldingnet_folds_a_plane() -> None:
+    network = FoldingNet(CONFIG).eval()
+    images, canonical = torch.rand(1, 3, 32, 32), torch.rand(1, 50, 3)
+    moved = canonical + torch.tensor([0.0, 0.0, 0.3])
+    assert torch.equal(network(images, canonical), network(images, moved))
+    with pytest.raises(ValueError, match="cube"):
+        make_network(replace(CONFIG, method="foldingnet", spec=HOF_1))
+
+
+def test_the_seed_decides_the_initial_weights() -> None:
+    first, again, other = (
+        (torch.manual_seed(seed), make_network(CONFIG).state_dict()["encoder.head.linear.weight"].numpy())[1]
+        for seed in (0, 0, 1)
+    )
+    assert np.array_equal(first, again)
+    assert not np.array_equal(first, other)

@@ -1,0 +1,154 @@
+"""The pretrained trunk: ImageNet's weights in our convolutions, trained, exported."""
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+import torch.nn.functional as nnf
+from torch import nn
+
+from model.config import TrainConfig
+from model.data.dataset import Batch
+from model.evaluation.features import _Pooled
+from model.export import TOLERANCE, export
+from model.networks.color_head import ColorHead, color_spec, look
+from model.networks.encoder import ImageEncoder
+from model.networks.lite0 import FINE_MAPS, MAPS, MEAN, SPREAD, Lite0, load_imagenet
+from model.networks.trunk import _unshuffled
+from model.training.checkpoints import load_network
+from model.training.train import _State, _step
+from service.encoding.encoder import Encoder
+from tests.support.small import network as small_network
+
+ENCODER = replace(small_network.ENCODER, trunk="lite0", joined_maps=4)
+CONFIG = replace(small_network.CONFIG, encoder=ENCODER, batch=4)
+
+
+@pytest.fixture(scope="module")
+def lite0() -> Lite0:
+    network = Lite0(frozen=3)
+    load_imagenet(network)
+    return network.eval()
+
+
+@torch.no_grad()
+def test_maps_are_those_of_the_published_network(lite0: Lite0) -> None:
+    published, images = _Pooled().network.eval(), torch.rand(2, 3, 128, 128)
+    x = published._swish(published._bn0(published._conv_stem((images - MEAN) / SPREAD)))
+    widest = {}
+    for block in published._blocks:
+        x = block(x)
+        widest[x.shape[-1]] = x
+    fine, found = lite0.look(images)
+    assert (fine.shape, found.shape) == ((2, FINE_MAPS, 8, 8), (2, MAPS, 4, 4))
+    assert fine.numpy() == pytest.approx(widest[8].numpy(), abs=1e-3)
+    assert found.numpy() == pytest.approx(x.numpy(), abs=1e-3)
+    assert torch.equal(lite0(images), found)
+
+
+def batch(config: TrainConfig) -> Batch:
+    torch.manual_seed(0)
+    shape = (config.batch, config.points, 3)
+    return Batch(torch.rand(config.batch, 3, 32, 32), torch.rand(shape) - 0.5, torch.rand(shape) - 0.5, None)
+
+
+def parts(state: _State) -> ImageEncoder:
+    encoder = state.network.encoder
+    assert isinstance(encoder, ImageEncoder)
+    return encoder
+
+
+def test_a_step_moves_what_is_not_frozen_and_the_pretrained_part_less(lite0: Lite0) -> None:
+    state = _State.begin(replace(CONFIG, weight_decay=0.0))
+    with ThreadPoolExecutor(1) as threads:
+        _step(state, batch(CONFIG), 0.5, threads)
+    now = state.network.get_submodule("encoder.features.lite0").state_dict()
+    moved = {name: float((now[name] - was).abs().max()) for name, was in lite0.state_dict().items()}
+    frozen = {name for name in moved if name.startswith(("stem.", "blocks.0.", "blocks.1.", "blocks.2."))}
+    assert {name for name, much in moved.items() if much == 0} >= frozen
+    assert {name for name, much in moved.items() if much > 0} == moved.keys() - frozen
+    rate = CONFIG.learning_rate / 2  # at half of the budget, and Adam's first step is as long as that
+    assert max(moved.values()) == pytest.approx(CONFIG.pretrained_rate * rate, rel=0.03)  # float32
+
+
+def test_cores_that_share_a_batch_find_the_gradients_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("model.networks.trunk.DROPOUT", 0.0)
+    monkeypatch.setattr("model.networks.trunk.HALF", False)
+    found, losses = [], []
+    for count in (1, 3):  # 3 parts of 4 images: 2, 1 and 1
+        state = _State.begin(CONFIG)
+        state.parts = count
+        with ThreadPoolExecutor(count) as threads:
+            losses.append(_step(state, batch(CONFIG), 0.5, threads))
+        found.append({name: weight.grad for name, weight in state.network.named_parameters() if weight.requires_grad})
+    assert losses[0] == pytest.approx(losses[1], rel=1e-5)
+    for name, one in found[0].items():
+        several = found[1][name]
+        assert one is not None
+        assert several is not None
+        assert several.numpy() == pytest.approx(one.numpy(), abs=1e-4 * float(one.abs().max())), name
+
+
+def test_images_that_are_normalised_together_stay_together() -> None:
+    assert _State(small_network.CONFIG).parts == 1
+    assert _State(CONFIG).parts == min(os.cpu_count() or 1, CONFIG.batch)
+
+
+def test_another_trunk_starts_with_the_head_of_a_run(tmp_path: Path) -> None:
+    dense = _State.begin(small_network.CONFIG)
+    nn.init.normal_(parts(dense).head.linear.weight)
+    dense.average.load_state_dict(dense.network.state_dict())
+    dense.save(tmp_path, score=0)
+    started = _State.begin(replace(CONFIG, start=str(tmp_path / "last.pt")))
+    assert torch.equal(parts(started).head.linear.weight, parts(dense).head.linear.weight)
+
+
+def test_finer_maps_are_added_to_a_run_that_had_none(tmp_path: Path) -> None:
+    coarse = _State.begin(CONFIG)
+    coarse.save(tmp_path, score=0)
+    finer = replace(CONFIG, encoder=replace(ENCODER, fine_maps=3), start=str(tmp_path / "last.pt"))
+    state, images = _State.begin(finer), torch.rand(2, 3, 32, 32)
+    with torch.no_grad():
+        assert torch.allclose(parts(state).eval()(images), parts(coarse).eval()(images), atol=1e-6)
+    with ThreadPoolExecutor(1) as threads:
+        for _ in range(2):  # at first only the weights that read them move
+            _step(state, batch(finer), 0.5, threads)
+    assert not torch.equal(state.network.state_dict()["encoder.features.fine.weight"], parts_fine(finer))
+    state.save(tmp_path, score=1)
+    with pytest.raises(ValueError, match="another trunk"):
+        _State.begin(replace(CONFIG, spec=CONFIG.spec.with_k(1), start=str(tmp_path / "last.pt")))
+
+
+def parts_fine(config: TrainConfig) -> torch.Tensor:
+    """The finer maps' weights as a run begins with them."""
+    fine: torch.Tensor = _State.begin(config).network.state_dict()["encoder.features.fine.weight"]
+    return fine
+
+
+def test_a_checkpoint_loads_without_the_published_weights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    state = _State.begin(CONFIG)
+    state.save(tmp_path, score=0)
+    monkeypatch.setattr("model.networks.lite0.load_imagenet", None)
+    network, config, _ = load_network(tmp_path / "last.pt")
+    assert config == CONFIG
+    images, canonical = torch.rand(1, 3, 32, 32), torch.rand(1, 5, 3)
+    found, kept = network(images, canonical).detach(), state.average(images, canonical).detach()
+    assert found.numpy() == pytest.approx(kept.numpy(), abs=1e-6)
+
+
+@pytest.mark.parametrize("fine_maps", [0, 3])
+def test_torch_and_onnxruntime_agree(fine_maps: int, tmp_path: Path) -> None:
+    config, path = replace(CONFIG, encoder=replace(ENCODER, fine_maps=fine_maps)), tmp_path / "lite0.onnx"
+    encoder = parts(_State.begin(config)).eval()
+    head = ColorHead(color_spec(config.spec), look(encoder, torch.zeros(1, 3, 32, 32))[1].shape[1]).eval()
+    for color in (None, head):
+        assert max(export(encoder, config, {"name": "lite0"}, path, color).values()) < TOLERANCE
+        assert Encoder.open(path, threads=1).framing == config.framing
+
+
+def test_four_cells_become_one_as_torch_has_it() -> None:
+    maps = torch.rand(2, 3, 8, 6)
+    assert torch.equal(_unshuffled(maps, 3), nnf.pixel_unshuffle(maps, 2))

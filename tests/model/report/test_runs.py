@@ -1,0 +1,50 @@
+"""Runs that were tried, in RESULTS.md."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from model import cli
+from model.evaluation.comparison import ORACLE
+from model.evaluation.records import Record
+from model.report import runs
+from model.report.tables import loss
+from model.training.train import _State
+from tests.support.small import data as small_data
+from tests.support.small import network as small_network
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("tried")
+    data = small_data.write(folder / "data", train=3, test=2)
+    state = _State(small_network.CONFIG)
+    state.step, state.elapsed_s = 1234, 90.0
+    (folder / "run").mkdir()
+    state.save(folder / "run", score=0)
+    asked = ["evaluate", "--run", str(folder / "run"), "--data", str(data), "--split", "test", "--photographs"]
+    assert cli.main([*asked, "--references", "-o", str(folder / runs.FOLDER / "run-1.json")]) == 0
+    return folder
+
+
+def test_a_run_and_the_oracle_beside_it_have_a_row_each(root: Path) -> None:
+    record = Record.read(root / runs.FOLDER / "run-1.json")
+    own, oracle = (line for line in runs.section(root).splitlines() if line.startswith(("| run-1", f"| {ORACLE}")))
+    assert own.startswith("| run-1 | 1,234 | 1.5 |")
+    assert own.endswith(f"| {loss(record.evaluations, 'run-1', 'photograph'):.1f}% |")
+    figures = next(found.column("f@2%") for found in record.evaluations if found.method == ORACLE)
+    assert f"{np.mean(figures):.3f} (" in oracle
+    assert "2 objects of the\ntest split" in runs.section(root)
+
+
+def test_the_oracle_has_one_row_however_many_runs_stand_beside_it(root: Path, tmp_path: Path) -> None:
+    record = Record.read(root / runs.FOLDER / "run-1.json")
+    for name in ("run-1", "run-2"):
+        record.write(tmp_path / runs.FOLDER / f"{name}.json")
+    lines = runs.section(tmp_path).splitlines()
+    assert sum(line.startswith(f"| {ORACLE}") for line in lines) == 1
+
+
+def test_without_records_there_is_no_section(tmp_path: Path) -> None:
+    assert runs.section(tmp_path) == ""

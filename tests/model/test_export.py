@@ -1,0 +1,54 @@
+"""Encoders of any kind as ONNX files: what torch computes, the service does too."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from model.cli.main import SHIPPED
+from model.export import TOLERANCE, export
+from model.networks.encoder import ImageEncoder
+from model.training.checkpoints import load_encoder
+from service.encoding.encoder import Encoder
+from service.mapping.spec import MappingSpec
+from tests.support.small import network as small_network
+
+
+@pytest.mark.parametrize("name", ["hof1-k2", "hof1-k4"])
+def test_the_shipped_weights_are_checkpoints(name: str) -> None:
+    file = SHIPPED.parent / f"{name}.onnx"
+    encoder, config, _ = load_encoder(file)
+    images = np.random.default_rng(0).random((2, 3, config.framing.size, config.framing.size), np.float32)
+    theta = np.stack([functions.theta for functions in Encoder.open(file, threads=1).encode(images)])
+    np.testing.assert_allclose(encoder(torch.from_numpy(images)).detach().numpy(), theta, atol=TOLERANCE)
+
+
+@pytest.mark.parametrize(
+    "spec",
+    [
+        MappingSpec("hof3", 3, (16, 16, 16), 3, k=1),
+        MappingSpec("tanh", 3, (16,), 3, "tanh", 4, "cube"),
+        MappingSpec("four", 4, (16,), 3, k=1, domain="ball4"),
+    ],
+    ids=lambda spec: spec.name,
+)
+@pytest.mark.parametrize("rank", [0, 8])
+def test_every_configuration_exports_with_parity(spec: MappingSpec, rank: int, tmp_path: Path) -> None:
+    config = replace(small_network.CONFIG, spec=spec, encoder=replace(small_network.CONFIG.encoder, rank=rank))
+    encoder = ImageEncoder(spec, config.encoder, config.framing.size).eval()
+    differences = export(encoder, config, {"name": "x"}, tmp_path / "x.onnx")
+    assert max(differences.values()) < TOLERANCE
+    assert Encoder.open(tmp_path / "x.onnx", 1).spec == spec
+
+
+def test_export_refuses_a_file_that_disagrees(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from model import export as module
+
+    config = small_network.CONFIG
+    encoder = ImageEncoder(config.spec, config.encoder, config.framing.size).eval()
+    monkeypatch.setattr(module, "TOLERANCE", 0.0)
+    with pytest.raises(ValueError, match="disagree"):
+        export(encoder, config, {"name": "x"}, tmp_path / "x.onnx")
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,81 @@
+"""The benchmarks run and write what they promise; what they measure is nothing to test."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.networks import Network, deepsdf, foldingnet, mapping_network
+from benchmarks.rivals import RIVALS, Make, numpy_tiles
+from service.mapping.spec import HOF_1, HOF_3, initial_theta, power
+
+ROOT = Path(__file__).parents[2]
+RUN_TIMEOUT_S = 600
+WAYS = {"NumPy tiles": numpy_tiles} | {name: RIVALS[name] for name in ("naive NumPy", "onnxruntime", "torch eager")}
+
+
+def test_decoders_have_the_papers_parameters() -> None:
+    assert deepsdf().parameters == 1_578_241
+    assert foldingnet().parameters == 1_056_775
+    assert mapping_network(HOF_1, initial_theta(HOF_1)).parameters == 7_171
+
+
+@pytest.mark.parametrize("make", WAYS.values(), ids=WAYS)
+@pytest.mark.parametrize("network", [deepsdf(), foldingnet(), mapping_network(HOF_3.with_k(2), initial_theta(HOF_3))])
+def test_every_way_computes_the_same(make: Make, network: Network) -> None:
+    x = np.random.default_rng(0).random((300, network.layers[0].w.shape[1]), np.float32)
+    expected = network.reference(x)
+    np.testing.assert_allclose(make(network, 128)(x), expected, atol=1e-5 * np.abs(expected).max())
+
+
+def test_the_network_of_a_mapping_is_its_power() -> None:
+    spec = HOF_1.with_k(2)
+    theta, x = initial_theta(spec), np.random.default_rng(0).random((10, 3), np.float32)
+    np.testing.assert_allclose(mapping_network(spec, theta).reference(x), power(spec, theta, x), atol=1e-6)
+
+
+def test_the_benchmark_writes_its_tables(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "benchmarks.run", "--quick", "--rounds", "1", "-o", str(tmp_path)]
+    run = subprocess.run(
+        command,
+        capture_output=True,
+        text=True,
+        timeout=RUN_TIMEOUT_S,
+        check=False,
+        cwd=ROOT,
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+    )
+    assert (run.returncode, run.stderr) == (0, "")
+    text = (tmp_path / "RESULTS.md").read_text()
+    assert text == run.stdout
+    for row in ("| ours, NumPy |", "| ours, [fast] |", "| naive NumPy |", "| HOF-1, k = 2 |", "| DeepSDF |", "asked"):
+        assert row in text
+    assert (tmp_path / "runtime.png").stat().st_size > 10_000
+
+
+def test_the_load_writes_its_tables(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "benchmarks.load", "--quick", "-o", str(tmp_path)]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=RUN_TIMEOUT_S, check=False, cwd=ROOT)
+    assert (run.returncode, run.stderr) == (0, "")
+    text = (tmp_path / "LOAD.md").read_text()
+    for row in (
+        "## Batching",
+        "## Overload",
+        "| bare FastAPI |",
+        "| ours, a repeated photo |",
+        "## Faults",
+        "## Fuzzing",
+    ):
+        assert row in text
+
+
+def test_the_soak_writes_its_page(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "benchmarks.soak", "--requests", "200", "-o", str(tmp_path)]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=RUN_TIMEOUT_S, check=False, cwd=ROOT)
+    assert (run.returncode, run.stderr) == (0, "")
+    text = (tmp_path / "SOAK.md").read_text()
+    assert "# Soak: 200 mixed requests" in text
+    assert "| answers of 5xx | 0.00 | <= 0 | yes |" in text

@@ -1,0 +1,141 @@
+"""The manifests of deploy/ fit the service: its settings, probes, paths, bounds and image. No cluster is needed."""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from service import __version__
+from service.settings import MIB, Settings
+
+ROOT = Path(__file__).parents[2]
+DEPLOY = ROOT / "deploy"
+DOCKERFILE = (ROOT / "Dockerfile").read_text("utf-8")
+README = (DEPLOY / "README.md").read_text("utf-8")
+MANIFESTS: dict[str, dict[str, Any]] = {
+    path.name: yaml.safe_load(path.read_text("utf-8")) for path in DEPLOY.glob("*.yaml")
+}
+POD = MANIFESTS["deployment.yaml"]["spec"]["template"]
+(CONTAINER,) = POD["spec"]["containers"]
+LABELS = {"app.kubernetes.io/name": "hof"}
+
+
+def _default(name: str) -> float:
+    return float(Settings.model_fields[name].default)
+
+
+def _mib(quantity: str) -> float:
+    units = {"Mi": 1, "Gi": 1024}
+    return float(quantity[:-2]) * units[quantity[-2:]]
+
+
+def test_every_file_is_applied_or_an_example() -> None:
+    applied = MANIFESTS["kustomization.yaml"]["resources"]
+    assert {*applied, "kustomization.yaml", "ingress.yaml"} == set(MANIFESTS)
+    assert all(manifest["apiVersion"] and manifest["kind"] for manifest in MANIFESTS.values())
+
+
+def test_the_image_is_of_this_version() -> None:
+    (image,) = MANIFESTS["kustomization.yaml"]["images"]
+    assert (image["name"], image["newTag"]) == (CONTAINER["image"], __version__)
+    assert f"docker build -t {image['newName']}:{__version__} ." in README
+
+
+def test_variables_are_settings() -> None:
+    names = {variable["name"] for variable in CONTAINER["env"]}
+    told = {name for path in DEPLOY.iterdir() for name in re.findall(r"HOF_[A-Z_]+", path.read_text("utf-8"))}
+    assert names | told <= {f"HOF_{name.upper()}" for name in Settings.model_fields}
+    assert {"HOF_DATABASE_URL", "HOF_API_KEYS_FILE"} <= names
+
+
+def test_kubernetes_sets_no_setting_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For each Service it sets NAME_PORT in every pod, unless it is told not to."""
+    monkeypatch.setenv(f"{MANIFESTS['service.yaml']['metadata']['name'].upper()}_PORT", "tcp://10.0.0.1:80")
+    with pytest.raises(ValueError, match="port"):
+        Settings()
+    assert POD["spec"]["enableServiceLinks"] is False
+
+
+def test_secrets_are_where_the_service_looks() -> None:
+    env = {variable["name"]: variable for variable in CONTAINER["env"]}
+    mounts = {mount["name"]: mount["mountPath"] for mount in CONTAINER["volumeMounts"]}
+    volumes = {volume["name"]: volume for volume in POD["spec"]["volumes"]}
+    assert set(mounts) == set(volumes)
+    (item,) = volumes["keys"]["secret"]["items"]
+    assert env["HOF_API_KEYS_FILE"]["value"] == f"{mounts['keys']}/{item['path']}"
+    source = env["HOF_DATABASE_URL"]["valueFrom"]["secretKeyRef"]
+    assert source["name"] == volumes["keys"]["secret"]["secretName"]
+    command = f"create secret generic {source['name']} --from-file={item['key']} --from-literal={source['key']}="
+    assert command in README
+
+
+def test_probes_and_figures_are_paths_of_the_api() -> None:
+    paths = json.loads((ROOT / "openapi.json").read_text("utf-8"))["paths"]
+    probes = {kind: CONTAINER[f"{kind}Probe"]["httpGet"] for kind in ("startup", "liveness", "readiness")}
+    assert {kind: probe["path"] for kind, probe in probes.items()} == {
+        "startup": "/health/live",
+        "liveness": "/health/live",
+        "readiness": "/health/ready",
+    }
+    asked = {probe["path"] for probe in probes.values()} | {POD["metadata"]["annotations"]["prometheus.io/path"]}
+    assert asked <= set(paths)
+
+
+def test_the_port_is_the_images() -> None:
+    (exposed,) = re.findall(r"^EXPOSE (\d+)", DOCKERFILE, re.MULTILINE)
+    (port,) = CONTAINER["ports"]
+    (allowed,) = MANIFESTS["network.yaml"]["spec"]["ingress"][0]["ports"]
+    told = POD["metadata"]["annotations"]["prometheus.io/port"]
+    assert [port["containerPort"], allowed["port"], int(told)] == [int(exposed)] * 3 == [_default("port")] * 3
+    named = [CONTAINER[f"{kind}Probe"]["httpGet"]["port"] for kind in ("startup", "liveness", "readiness")]
+    assert {*named, MANIFESTS["service.yaml"]["spec"]["ports"][0]["targetPort"]} == {port["name"]}
+
+
+def test_the_user_is_the_images_and_may_do_little() -> None:
+    (user,) = re.findall(r"^USER (\d+)", DOCKERFILE, re.MULTILINE)
+    pod, container = POD["spec"]["securityContext"], CONTAINER["securityContext"]
+    assert (pod["runAsUser"], pod["runAsNonRoot"]) == (int(user), True)
+    assert pod["seccompProfile"]["type"] == "RuntimeDefault"
+    assert (container["allowPrivilegeEscalation"], container["readOnlyRootFilesystem"]) == (False, True)
+    assert container["capabilities"]["drop"] == ["ALL"]
+    assert POD["spec"]["automountServiceAccountToken"] is False
+
+
+def test_a_stop_is_given_its_time() -> None:
+    assert POD["spec"]["terminationGracePeriodSeconds"] > _default("drain_s") + _default("shutdown_s")
+
+
+def test_memory_holds_what_the_service_lets_in() -> None:
+    """MiB: idle, as in benchmarks/RESULTS.md, matting, uploads, and for each thread a photo, three times in RGBA."""
+    idle = re.search(r"Resident memory: (\d+) MiB idle", (ROOT / "benchmarks" / "RESULTS.md").read_text("utf-8"))
+    assert idle
+    limits, requests = CONTAINER["resources"]["limits"], CONTAINER["resources"]["requests"]
+    photos = int(limits["cpu"]) * 3 * 4 * _default("max_image_pixels") / MIB
+    assert _mib(limits["memory"]) > int(idle[1]) + 275 + _default("max_upload_bytes") / MIB + photos
+    assert _mib(requests["memory"]) > int(idle[1]) + 275
+
+
+def test_selectors_find_the_pods() -> None:
+    assert POD["metadata"]["labels"] == LABELS
+    assert MANIFESTS["service.yaml"]["spec"]["selector"] == LABELS
+    assert MANIFESTS["network.yaml"]["spec"]["podSelector"]["matchLabels"] == LABELS
+    for name in ("deployment.yaml", "disruption.yaml"):
+        assert MANIFESTS[name]["spec"]["selector"]["matchLabels"] == LABELS
+    target = MANIFESTS["autoscaler.yaml"]["spec"]["scaleTargetRef"]
+    assert (target["kind"], target["name"]) == ("Deployment", MANIFESTS["deployment.yaml"]["metadata"]["name"])
+
+
+def test_the_ingress_has_all_that_clients_call_and_nothing_else() -> None:
+    (rule,) = MANIFESTS["ingress.yaml"]["spec"]["rules"]
+    paths = {path["path"] for path in rule["http"]["paths"]}
+    called = json.loads((ROOT / "openapi.json").read_text("utf-8"))["paths"]
+    inner = {"/metrics", "/health/live", "/health/ready"}
+    api = {"/" + path.split("/")[1] for path in set(called) - inner}
+    assert paths == api | {"/", "/viewer", "/docs", "/openapi.json"}
+    prefixes = {path["path"] for path in rule["http"]["paths"] if path["pathType"] == "Prefix"}
+    assert prefixes == {"/objects", "/v2", "/viewer"}  # of which alone there are paths below
+    services = {path["backend"]["service"]["name"] for path in rule["http"]["paths"]}
+    assert services == {MANIFESTS["service.yaml"]["metadata"]["name"]}

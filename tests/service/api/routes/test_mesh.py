@@ -1,0 +1,139 @@
+"""GET /objects/{id}/mesh over a real socket."""
+
+import io
+import re
+from pathlib import Path
+from typing import get_args
+
+import httpx
+import numpy as np
+import pytest
+import trimesh
+
+from service.formats.mesh.registry import MESH_FORMATS
+from service.formats.weights import load
+from service.mapping.sampler import Sampler
+from service.mapping.spec import word_of
+from service.mapping.surface import RESOLUTIONS, surface_of
+from service.options import MeshFormatName
+from tests.support.gltf_validator import check_valid
+from tests.support.photos import disc, image_file
+from tests.support.server import check_refused
+
+
+@pytest.fixture
+def path(client: httpx.Client, photo: bytes) -> str:
+    mesh: str = client.post("/encode", content=photo).json()["links"]["mesh"]
+    return mesh
+
+
+def _mesh(client: httpx.Client, path: str, name: str, **query: float) -> trimesh.Trimesh:
+    """What an independent reader makes of a file; vertices as they stand there."""
+    answer = client.get(path, params={"format": name, **query})
+    assert answer.status_code == 200, answer.text
+    loaded = trimesh.load(io.BytesIO(answer.content), file_type=name, process=False)
+    mesh = loaded.to_geometry() if isinstance(loaded, trimesh.Scene) else loaded
+    assert isinstance(mesh, trimesh.Trimesh)
+    return mesh
+
+
+def test_every_format_holds_the_same_triangles_the_same_way_round(client: httpx.Client, path: str) -> None:
+    expected = _mesh(client, path, "glb", resolution=16)
+    assert len(expected.faces) > 1000
+    for name in MESH_FORMATS:
+        mesh = _mesh(client, path, name, resolution=16)
+        np.testing.assert_allclose(mesh.triangles, expected.triangles, rtol=1e-5, atol=1e-5, err_msg=name)
+
+
+@pytest.mark.parametrize("name", ["glb", "gltf", "obj", "ply"])
+def test_the_file_holds_the_surfaces_normals(client: httpx.Client, path: str, name: str) -> None:
+    weights = load(client.get(path.replace("mesh", "weights")).content)
+    surface = surface_of(Sampler(weights.spec, word_of(weights.spec, weights.theta)), 16)
+    answer = client.get(path, params={"format": name, "resolution": 16})
+    loaded = trimesh.load(io.BytesIO(answer.content), file_type=name, process=False)
+    (mesh,) = loaded.geometry.values() if isinstance(loaded, trimesh.Scene) else (loaded,)
+    expected = surface.normals[surface.triangles]  # (t, 3, 3)
+    np.testing.assert_allclose(mesh.vertex_normals[mesh.faces], expected, atol=1e-4)
+
+
+@pytest.mark.parametrize("name", ["glb", "gltf"])
+def test_the_khronos_validator_finds_nothing(client: httpx.Client, path: str, name: str, tmp_path: Path) -> None:
+    report = check_valid(client.get(path, params={"format": name}).content, tmp_path)
+    assert report["info"]["totalTriangleCount"] > 1000
+
+
+def test_the_surface_is_where_the_points_are(client: httpx.Client, path: str) -> None:
+    points = np.load(io.BytesIO(client.get(path.replace("mesh", "points") + "?format=npy").content))
+    mesh = _mesh(client, path, "glb")
+    size = np.ptp(points, axis=0).max()
+    np.testing.assert_allclose(mesh.bounds, [points.min(axis=0), points.max(axis=0)], atol=0.1 * size)
+    distances = np.linalg.norm(points[:200, None] - mesh.vertices, axis=2).min(axis=1)
+    assert np.quantile(distances, 0.9) < 0.1 * size
+
+
+def test_defaults_are_glb_and_the_frame_is_scaled(client: httpx.Client, path: str) -> None:
+    plain = client.get(path)
+    assert plain.headers["content-type"] == "model/gltf-binary"
+    assert re.fullmatch(r'attachment; filename="hof-[0-9a-f]{32}\.glb"', plain.headers["content-disposition"])
+    assert plain.content == client.get(f"{path}?format=glb&scale=1").content
+    single, double = (_mesh(client, path, "ply", resolution=16, scale=scale) for scale in (1, 2))
+    np.testing.assert_allclose(double.vertices, 2 * single.vertices, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("accept", "query", "expected"),
+    [("model/obj", "", "model/obj"), ("model/obj", "?format=stl", "model/stl"), ("model/*", "", "model/gltf-binary")],
+)
+def test_format_wins_over_accept(client: httpx.Client, path: str, accept: str, query: str, expected: str) -> None:
+    answer = client.get(path + query, headers={"Accept": accept})
+    assert (answer.headers["content-type"], answer.headers["vary"]) == (expected, "Accept")
+
+
+def test_an_accept_that_nothing_satisfies_is_refused(client: httpx.Client, path: str) -> None:
+    answer = client.get(path, headers={"Accept": "text/plain"})
+    assert (answer.status_code, answer.headers["content-type"]) == (406, "application/problem+json")
+    assert "model/stl" in answer.json()["detail"]
+
+
+@pytest.mark.parametrize(
+    ("query", "field", "limit"),
+    [
+        (f"resolution={RESOLUTIONS[0] - 1}", "resolution", str(RESOLUTIONS[0])),
+        (f"resolution={RESOLUTIONS[1] + 1}", "resolution", str(RESOLUTIONS[1])),
+        ("resolution=fine", "resolution", "integer"),
+        ("scale=0", "scale", "greater"),
+        ("format=npy", "format", "stl"),
+        ("color=red", "color", "'auto' or 'none'"),
+        ("n=5", "n", "unknown"),
+    ],
+)
+def test_bad_parameters_are_named_with_their_limit(
+    client: httpx.Client, path: str, query: str, field: str, limit: str
+) -> None:
+    check_refused(client.get(f"{path}?{query}"), field, limit)
+
+
+def test_an_unknown_object_has_no_surface(client: httpx.Client) -> None:
+    assert client.get(f"/objects/{'0' * 32}/mesh").status_code == 404
+
+
+def test_every_parameter_has_its_own_tag(client: httpx.Client, path: str) -> None:
+    queries = ["", "?resolution=9", "?scale=2", "?format=obj", "?format=stl", "?color=none"]
+    assert len({client.head(path + query).headers["ETag"] for query in queries}) == len(queries)
+
+
+def test_a_composed_object_has_a_surface_of_its_own(client: httpx.Client, photo: bytes) -> None:
+    first, second = (
+        client.post("/encode", content=content).json()["id"] for content in (photo, image_file(disc("blue")))
+    )
+    word = client.post("/compose", json={"objects": [first, second]}).json()
+    composed, plain = (
+        _mesh(client, path, "glb", resolution=16) for path in (word["links"]["mesh"], f"/objects/{first}/mesh")
+    )
+    assert not np.array_equal(composed.vertices, plain.vertices)
+    points = np.load(io.BytesIO(client.get(word["links"]["points"] + "?format=npy").content))
+    np.testing.assert_allclose(composed.centroid, points.mean(axis=0), atol=0.2 * np.ptp(points))
+
+
+def test_the_names_in_the_schema_are_those_of_the_formats() -> None:
+    assert get_args(MeshFormatName) == tuple(MESH_FORMATS)

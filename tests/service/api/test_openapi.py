@@ -1,0 +1,116 @@
+"""The schema: as committed, complete, and true."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from service.api.app import create_app
+from service.api.openapi import openapi_text
+from service.settings import Settings
+
+COMMITTED = Path(__file__).parents[3] / "openapi.json"
+
+
+def test_the_served_schema_is_the_committed_one_byte_for_byte(client: httpx.Client) -> None:
+    answer = client.get("/openapi.json")
+    assert answer.headers["content-type"] == "application/json"
+    assert answer.content == COMMITTED.read_bytes(), "run `hof openapi > openapi.json`"
+
+
+def test_settings_do_not_change_the_schema() -> None:
+    assert openapi_text(create_app(Settings(max_points=5, max_image_bytes=7))).encode() == COMMITTED.read_bytes()
+
+
+@pytest.fixture(scope="module")
+def operations() -> dict[str, dict[str, Any]]:
+    paths = json.loads(COMMITTED.read_text())["paths"]
+    return {f"{method.upper()} {path}": each for path, methods in paths.items() for method, each in methods.items()}
+
+
+def test_the_calls_are_those_of_the_contract(operations: dict[str, dict[str, Any]]) -> None:
+    assert operations.keys() == {
+        "POST /encode",
+        "POST /compose",
+        "GET /objects",
+        "POST /objects",
+        "GET /objects/{id}",
+        "DELETE /objects/{id}",
+        "GET /objects/{id}/points",
+        "GET /objects/{id}/mesh",
+        "GET /objects/{id}/weights",
+        "GET /model",
+        "GET /models",
+        "GET /health/live",
+        "GET /health/ready",
+        "GET /metrics",
+        "GET /v2",
+        "GET /v2/health/live",
+        "GET /v2/health/ready",
+        "GET /v2/models/{name}",
+        "GET /v2/models/{name}/ready",
+        "POST /v2/models/{name}/infer",
+    }
+
+
+def test_every_error_is_documented_as_a_problem(operations: dict[str, dict[str, Any]]) -> None:
+    for name, operation in operations.items():
+        assert "422" in operation["responses"], name
+        for status, response in operation["responses"].items():
+            if status >= "400":
+                (media_type, content), *rest = response["content"].items()
+                assert (media_type, rest) == ("application/problem+json", []), (name, status)
+                assert content["schema"] == {"$ref": "#/components/schemas/Problem"}
+
+
+def test_what_needs_a_key_says_so(operations: dict[str, dict[str, Any]]) -> None:
+    open_ = {"GET /health/live", "GET /health/ready", "GET /v2/health/live", "GET /v2/health/ready"}
+    assert {name for name, operation in operations.items() if "security" not in operation} == open_
+    for name in operations.keys() - open_:
+        assert operations[name]["security"] == [{}, {"bearer": []}, {"header": []}]
+        assert {"401", "403", "429"} <= operations[name]["responses"].keys()
+    assert json.loads(COMMITTED.read_text())["components"]["securitySchemes"].keys() == {"bearer", "header"}
+
+
+def test_points_are_documented_with_each_media_type(operations: dict[str, dict[str, Any]]) -> None:
+    content = operations["GET /objects/{id}/points"]["responses"]["200"]["content"]
+    assert content.keys() == {
+        "model/ply",
+        "application/x-npy",
+        "text/plain",
+        "application/json",
+        "model/gltf-binary",
+        "model/gltf+json",
+        "application/x-pcd",
+        "application/octet-stream",
+    }
+
+
+def test_encode_documents_its_body(operations: dict[str, dict[str, Any]]) -> None:
+    assert operations["POST /encode"]["requestBody"]["content"].keys() == {
+        "multipart/form-data",
+        "image/png",
+        "image/jpeg",
+        "image/webp",
+    }
+
+
+def test_compose_documents_its_body(operations: dict[str, dict[str, Any]]) -> None:
+    schema = operations["POST /compose"]["requestBody"]["content"]["application/json"]["schema"]
+    assert schema["required"] == ["objects"]
+    assert schema["properties"]["mode"]["enum"] == ["compose", "interpolate", "all"]
+
+
+def test_parameters_are_never_null_and_always_described(operations: dict[str, dict[str, Any]]) -> None:
+    for operation in operations.values():
+        for parameter in operation.get("parameters", []):
+            assert parameter["description"]
+            assert "anyOf" not in parameter["schema"], parameter["name"]
+
+
+def test_docs_show_the_schema(client: httpx.Client) -> None:
+    answer = client.get("/docs")
+    assert answer.headers["content-type"].startswith("text/html")
+    assert "/openapi.json" in answer.text

@@ -1,0 +1,278 @@
+"""What is let in is bounded; the rest is told when to come back; probes go on answering."""
+
+import asyncio
+import socket
+import sqlite3
+import struct
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, closing
+from dataclasses import replace
+from pathlib import Path
+
+import httpx
+import pytest
+from starlette.requests import ClientDisconnect
+
+from service.errors import InvalidModel, InvalidParameter, Overloaded
+from service.formats.weights import Weights, dump
+from service.mapping.spec import HOF_1, initial_theta
+from service.runtime import liveness
+from service.runtime.admission import Gate
+from service.runtime.streaming import FIRST_PART, PART, in_flight
+from service.settings import Settings
+from service.storage import database
+from service.storage.database import SQLITE_CONNECTIONS, OnThreads
+from tests.support.processes import hof, others, serving, threads
+from tests.support.server import Server, check_refused, running
+from tests.support.slow import DEADLINE_S, PATH, plain, runtime_of, until
+from tests.support.small.model import SPEC
+
+BIG = "n=10000000&format=f32"
+
+
+@pytest.fixture
+def slow(settings: Settings, slow_model: Path) -> Iterator[Server]:
+    """A server of two worker threads that lets in three images and one large stream, with the slow model."""
+    limits = {"model": (slow_model,), "max_queued_images": 3, "max_points_in_flight": 1}
+    with running(settings.model_copy(update=limits)) as server:
+        yield server
+
+
+@pytest.fixture
+def quick(slow: Server) -> Iterator[httpx.Client]:
+    with httpx.Client(base_url=f"http://127.0.0.1:{slow.port}", timeout=DEADLINE_S) as client:
+        yield client
+
+
+def test_images_over_the_bound_are_refused_and_room_is_given_back(slow: Server, quick: httpx.Client) -> None:
+    gate = runtime_of(slow).gates.images
+    with ThreadPoolExecutor(3) as pool:
+        taken = [pool.submit(quick.post, PATH, content=plain(red)) for red in range(3)]
+        until(lambda: gate.held == 3)
+        refused = quick.post(PATH, content=plain(255, 255))
+        problem = refused.json()
+        assert (refused.status_code, problem["title"], problem["status"]) == (429, "Overloaded", 429)
+        assert refused.headers["content-type"] == "application/problem+json"
+        assert 1 <= int(refused.headers["retry-after"]) <= 60
+        assert "3 images" in problem["detail"]
+        assert [future.result().status_code for future in taken] == [201] * 3
+    assert quick.post(PATH, content=plain(255, 255)).status_code == 201
+    assert (gate.held, gate.finished, gate.refused, gate.failed, gate.cancelled) == (0, 4, 1, 0, 0)
+
+
+def test_an_image_is_refused_before_its_body_is_read(slow: Server, quick: httpx.Client) -> None:
+    with ThreadPoolExecutor(3) as pool:
+        taken = [pool.submit(quick.post, PATH, content=plain(red)) for red in range(3)]
+        until(lambda: runtime_of(slow).gates.images.held == 3)
+        with socket.create_connection(("127.0.0.1", slow.port), timeout=DEADLINE_S) as connection:
+            head = f"POST {PATH} HTTP/1.1\r\nHost: x\r\nContent-Length: 99999\r\nExpect: 100-continue\r\n\r\n"
+            connection.sendall(head.encode())
+            assert connection.recv(65_536).startswith(b"HTTP/1.1 429 ")
+        for future in taken:
+            future.result()
+
+
+def test_probes_answer_while_every_worker_is_busy(slow: Server, quick: httpx.Client) -> None:
+    with ThreadPoolExecutor(3) as pool:
+        taken = [pool.submit(quick.post, PATH, content=plain(red)) for red in range(3)]
+        until(lambda: runtime_of(slow).gates.images.held == 3)
+        for _ in range(20):
+            assert quick.get("/health/live").status_code == 200
+            assert quick.get("/health/ready").status_code == 200
+        assert not any(future.done() for future in taken)
+        for future in taken:
+            future.result()
+
+
+def test_an_encoder_that_hangs_is_not_ready_and_recovers(
+    slow: Server, quick: httpx.Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, seconds in {"FRESH_S": 0.0, "PATIENCE_S": 0.05, "SILENCE_S": 0.2}.items():
+        monkeypatch.setattr(liveness, name, seconds)
+    with ThreadPoolExecutor(1) as pool:
+        hanging = pool.submit(quick.post, PATH, content=plain(0))
+        until(lambda: quick.get("/health/ready").status_code == 503)
+        assert quick.get("/health/ready").json()["detail"] == "the model tiny-k2 does not answer"
+        assert quick.get("/health/live").status_code == 200
+        assert not hanging.done()
+        hanging.result()
+    until(lambda: quick.get("/health/ready").status_code == 200)
+
+
+def test_a_network_that_fails_for_one_image_harms_no_other(slow: Server, quick: httpx.Client) -> None:
+    colours = [(0, 0, 255)] + [(255, 255, 0 if index % 2 else 200) for index in range(1, 3)]
+    with ThreadPoolExecutor(3) as pool:
+        answers = list(pool.map(lambda colour: quick.post(PATH, content=plain(*colour)).status_code, colours))
+    assert answers == [201, 500, 201]
+    gate = runtime_of(slow).gates.images
+    assert (gate.held, gate.finished, gate.failed) == (0, 2, 1)
+
+
+def test_points_over_the_bound_are_refused_until_a_stream_ends(slow: Server, quick: httpx.Client) -> None:
+    path = quick.post(PATH, content=plain(255, 255)).json()["links"]["points"]
+    gate = runtime_of(slow).gates.points
+    with socket.create_connection(("127.0.0.1", slow.port), timeout=DEADLINE_S) as connection:
+        connection.sendall(f"GET {path}?{BIG} HTTP/1.1\r\nHost: x\r\n\r\n".encode())
+        until(lambda: gate.held > 0)
+        refused = quick.get(path)
+        assert (refused.status_code, refused.json()["title"]) == (429, "Overloaded")
+        assert "content-disposition" not in refused.headers
+        assert quick.get(path.replace("points", "weights")).status_code == 429
+        assert quick.head(path).status_code == 200  # costs nothing
+    until(lambda: gate.held == 0)
+    assert (gate.cancelled, gate.refused) == (1, 2)
+    assert len(quick.get(f"{path}?n=100&format=f32").content) == 1200
+
+
+def test_a_large_function_takes_more_of_the_bound_and_gives_fewer_points(settings: Settings) -> None:
+    wide = replace(HOF_1, hidden=(3_000,), k=16)  # 23 times the work of the default model
+    file = dump(Weights(wide, 0.1 * initial_theta(wide), "m"), "safetensors")
+    with (
+        running(settings.model_copy(update={"max_points_in_flight": 1_000_000})) as server,
+        httpx.Client(base_url=f"http://127.0.0.1:{server.port}", timeout=DEADLINE_S) as client,
+    ):
+        gate = runtime_of(server).gates.points
+        path = client.post("/objects", content=file).json()["links"]["points"]
+        small = client.post(PATH, content=plain(255)).json()["links"]["points"]
+        with socket.create_connection(("127.0.0.1", server.port), timeout=DEADLINE_S) as connection:
+            connection.sendall(f"GET {path}?n=6000000 HTTP/1.1\r\nHost: x\r\n\r\n".encode())
+            assert connection.recv(65_536).startswith(b"HTTP/1.1 200 ")  # alone, whatever it takes
+            assert gate.held == 23 * in_flight(6_000_000, settings.threads)
+            assert client.get(f"{small}?n=1").status_code == 429
+        until(lambda: gate.held == 0)
+        assert client.head(f"{small}?n=6956522").status_code == 200
+        check_refused(client.get(f"{path}?n=6956522"), "n", "6956521")
+
+
+def test_a_huge_functions_surface_and_words_are_refused_unless_they_are_few(settings: Settings) -> None:
+    huge = replace(HOF_1, hidden=(28_571,), k=8)  # 111 times the work of the default model
+    files = [dump(Weights(huge, 0.001 * initial_theta(huge, seed), "m"), "safetensors") for seed in range(2)]
+    limits = {"max_weights_bytes": 1_000_000, "max_points": 300_000}
+    with (
+        running(settings.model_copy(update=limits)) as server,
+        httpx.Client(base_url=f"http://127.0.0.1:{server.port}", timeout=DEADLINE_S) as client,
+    ):
+        one, other = (client.post("/objects", content=file).json() for file in files)
+        path = one["links"]["mesh"]
+        check_refused(client.get(f"{path}?resolution=50"), "resolution", "43243")
+        assert client.get(f"{path}?resolution=8").status_code == 200
+        body = {"objects": [one["id"], other["id"]], "mode": "all"}
+        check_refused(client.post("/compose", json=body), "objects", "43243")
+        word = {"objects": [one["id"]] * 4 + [other["id"]] * 4}
+        assert client.post("/compose", json=word).status_code == 201
+
+
+@pytest.mark.parametrize(("n", "expected"), [(1, FIRST_PART), (50_000, 50_000), (10_000_000, 3 * PART)])
+def test_a_stream_counts_for_what_it_has_at_a_time(n: int, expected: int) -> None:
+    assert in_flight(n, ahead=2) == expected
+
+
+def test_a_store_that_others_keep_is_429_until_they_let_go(
+    settings: Settings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(database, "POOL_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(database, "BUSY_TIMEOUT_MS", 2_000)
+    files = [dump(Weights(SPEC, initial_theta(SPEC, seed), "m"), "safetensors") for seed in range(SQLITE_CONNECTIONS)]
+    with (
+        running(settings) as server,
+        httpx.Client(base_url=f"http://127.0.0.1:{server.port}", timeout=DEADLINE_S) as client,
+        closing(sqlite3.connect(tmp_path / "store" / "hof.db", isolation_level=None)) as other,
+        ThreadPoolExecutor(len(files)) as pool,
+    ):
+        assert client.get("/objects").json()["items"] == []
+        other.execute("BEGIN IMMEDIATE")  # no other writer comes in
+        writes = [pool.submit(client.post, "/objects", content=file) for file in files]
+        connections = runtime_of(server).store._database
+        assert isinstance(connections, OnThreads)
+        until(lambda: connections._free.locked())
+        for answer in (client.get("/objects"), *(write.result() for write in writes)):
+            assert (answer.status_code, answer.json()["title"]) == (429, "Overloaded")
+            assert int(answer.headers["retry-after"]) >= 1
+        other.execute("ROLLBACK")
+        assert [client.post("/objects", content=file).status_code for file in files] == [201] * len(files)
+
+
+@pytest.mark.filterwarnings("ignore")  # connections that are reset, in the server's thread
+def test_bytes_of_uploads_are_bounded_and_given_back(settings: Settings) -> None:
+    with running(settings.model_copy(update={"max_upload_bytes": 250_000})) as server, ExitStack() as stack:
+        gates = runtime_of(server).gates
+        url = f"http://127.0.0.1:{server.port}{PATH}"
+        declared, chunked = b"Content-Length: 100000", b"Transfer-Encoding: chunked"  # of unknown length: the most
+        for header, held in ((declared, 100_000), (declared, 200_000)):
+            connection = stack.enter_context(socket.create_connection(("127.0.0.1", server.port)))
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            connection.sendall(b"POST /encode HTTP/1.1\r\nHost: x\r\n" + header + b"\r\n\r\nabc")
+            until(lambda held=held: gates.uploads.held == held)  # type: ignore[misc]
+        assert httpx.post(url, content=plain(255)).status_code == 201
+        assert httpx.post(url, content=iter([plain(255)])).status_code == 429
+        assert chunked
+        stack.close()
+        until(lambda: gates.uploads.held == 0 and gates.images.held == 0)
+        assert gates.uploads.cancelled == 2
+        assert httpx.post(url, content=iter([plain(255)])).status_code == 200
+
+
+def test_the_number_of_threads_is_bounded(model_path: Path) -> None:
+    with (
+        serving(hof(threads=2, model=str(model_path)), others(-1)) as (url, pid),
+        httpx.Client(base_url=url, timeout=DEADLINE_S) as client,
+        ThreadPoolExecutor(64) as pool,
+    ):
+
+        def visit(index: int) -> int:
+            made = client.post(PATH, content=plain(index)).json()
+            assert client.get(made["links"]["points"], params={"n": 20_000}).status_code == 200
+            return threads(pid)
+
+        assert max(pool.map(visit, range(64))) <= 8 + 4 * 2  # as the README says
+
+
+def test_an_empty_gate_lets_anything_in_and_a_full_one_nothing() -> None:
+    gate = Gate("points", 10)
+    with gate.admit(25):
+        for amount in (1, 25):
+            with pytest.raises(Overloaded, match="10 points"), gate.admit(amount):
+                pass
+    with gate.admit(6), gate.admit(4), pytest.raises(Overloaded), gate.admit(1):
+        pass
+    assert (gate.held, gate.finished, gate.refused) == (0, 3, 3)
+
+
+@pytest.mark.parametrize(
+    ("error", "counted"),
+    [
+        (InvalidParameter("no"), "finished"),
+        (InvalidModel("no"), "failed"),
+        (ValueError("no"), "failed"),
+        (ClientDisconnect(), "cancelled"),
+        (asyncio.CancelledError(), "cancelled"),
+    ],
+)
+def test_however_work_ends_it_is_counted_once(error: BaseException, counted: str) -> None:
+    gate = Gate("images", 1)
+    with pytest.raises(type(error)), gate.admit():
+        raise error
+    counts = {name: getattr(gate, name) for name in ("held", "finished", "cancelled", "failed", "refused")}
+    assert counts == {"held": 0, "finished": 0, "cancelled": 0, "failed": 0, "refused": 0, counted: 1}
+
+
+def test_the_time_to_retry_grows_with_the_queue_and_ends_at_a_minute(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = 0.0
+    monkeypatch.setattr("service.runtime.admission.time.monotonic", lambda: now)
+    gate = Gate("images", 20)
+
+    def told(held: int) -> int:
+        with ExitStack() as stack:
+            for _ in range(held):
+                stack.enter_context(gate.admit())
+            with pytest.raises(Overloaded) as caught, gate.admit(20):
+                pass
+            gate._last_left = now  # what follows leaves at once
+        return caught.value.retry_after_s
+
+    assert told(1) == 1
+    for _ in range(200):  # one at a time, two seconds each
+        with gate.admit():
+            now += 2
+    assert told(1) == 2

@@ -1,0 +1,45 @@
+"""Schemathesis asks a real server what openapi.json allows and what it does not, and checks every answer.
+
+All its checks, in all its phases: limits, random requests, and calls that follow from each other. More of it, by hand,
+against `hof serve` with the tiny model: `SCHEMATHESIS_HOOKS=schema_hooks st run URL/openapi.json --checks all -n 500`.
+"""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import httpx
+
+from tests.support.server import ROOT, hof_serve
+
+EXAMPLES, SEED = 15, 1
+RUN_TIMEOUT_S = 580
+
+
+def test_the_service_does_what_its_schema_says(model_path: Path, tmp_path: Path) -> None:
+    command = [str(Path(sys.executable).with_name("st")), "run", "--checks", "all", "--continue-on-failure"]
+    limits = ["--max-examples", str(EXAMPLES), "--seed", str(SEED), "--no-shrink"]
+    paths = os.pathsep.join([str(ROOT), str(ROOT / "tests")])
+    with hof_serve(tmp_path, model_path, "--log-level", "info") as (url, process):
+        run = subprocess.run(
+            [*command, *limits, f"{url}/openapi.json"],
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": paths, "SCHEMATHESIS_HOOKS": "schema_hooks"},
+            capture_output=True,
+            text=True,
+            timeout=RUN_TIMEOUT_S,
+            check=False,
+        )
+        assert run.returncode == 0, run.stdout + run.stderr
+        count = sum(len(calls) for calls in httpx.get(f"{url}/openapi.json").json()["paths"].values())
+        assert f"{count} selected / {count} total" in run.stdout
+        assert run.stdout.count(f"{count} passed") == 2, run.stdout  # every call, by its limits and at random
+        assert "Stateful" in run.stdout
+        assert process.poll() is None
+        figures = httpx.get(f"{url}/metrics").text
+    for route in ("/encode", "/compose", "/objects", "/objects/{id}/points", "/objects/{id}/mesh"):
+        assert any(f'route="{route}"' in line and 'status="20' in line for line in figures.splitlines()), (
+            f"no valid call of {route} was among them"
+        )
+    assert 'status="500"' not in figures

@@ -1,0 +1,279 @@
+"""The `hof` command: the service's code without a server."""
+
+import json
+from functools import partial
+from pathlib import Path
+
+import httpx
+import numpy as np
+import pytest
+
+from service.api.keys import make_key
+from service.cli.main import main
+from service.formats.mesh.registry import MESH_FORMATS
+from service.formats.points.registry import POINT_FORMATS
+from service.formats.weights import Weights, dump, load
+from service.mapping.spec import MappingSpec, initial_theta
+from service.server import serve as server
+from service.settings import Settings
+from tests.support.photos import disc, image_file
+from tests.support.small import model as tiny_model
+
+
+@pytest.fixture
+def here(tmp_path: Path, model_path: Path, photo: bytes, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A working folder with photo.png and nothing else; the tiny model is the default one."""
+    folder = tmp_path / "here"
+    folder.mkdir()
+    (folder / "photo.png").write_bytes(photo)
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("HOF_MODEL", str(model_path))
+    return folder
+
+
+@pytest.mark.parametrize("name", POINT_FORMATS)
+def test_encode_writes_the_file_that_the_service_serves(here: Path, client: httpx.Client, name: str) -> None:
+    assert main(["encode", "photo.png", "-o", f"out.{name}", "--n", "5000", "--seed", "3", "--scale", "2"]) == 0
+    link = client.post("/encode", content=(here / "photo.png").read_bytes()).json()["links"]["points"]
+    served = client.get(link, params={"n": 5000, "seed": 3, "scale": 2, "format": name})
+    assert (here / f"out.{name}").read_bytes() == served.content
+
+
+def test_encode_writes_weights_and_sample_gives_the_same_points(here: Path) -> None:
+    assert main(["encode", "photo.png", "-o", "out.safetensors"]) == 0
+    assert main(["sample", "out.safetensors", "-o", "sampled.npy", "--n", "100"]) == 0
+    assert main(["encode", "photo.png", "-o", "encoded.npy", "--n", "100"]) == 0
+    assert np.load("sampled.npy").shape == (100, 3)
+    assert (here / "sampled.npy").read_bytes() == (here / "encoded.npy").read_bytes()
+
+
+def test_options_of_encode_reach_the_framing(here: Path) -> None:
+    options: list[list[str]] = [[], ["--background", "keep"], ["--foreground-ratio", "0.5"]]
+    for index, extra in enumerate(options):
+        assert main(["encode", "photo.png", "-o", f"{index}.safetensors", *extra]) == 0
+    thetas = [load((here / f"{index}.safetensors").read_bytes()).theta.tobytes() for index in range(3)]
+    assert len(set(thetas)) == 3
+
+
+def test_encode_takes_matting_where_u2net_home_tells(
+    here: Path, u2net_home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    photo = str(Path(__file__).parents[3] / "demo" / "coffee.jpg")
+    assert main(["encode", photo, "-o", "whole.safetensors"]) == 0
+    assert main(["encode", photo, "-o", "refused.safetensors", "--background", "remove"]) == 2
+    monkeypatch.setenv("U2NET_HOME", str(u2net_home))
+    assert main(["encode", photo, "-o", "object.safetensors", "--background", "remove"]) == 0
+    thetas = [load((here / f"{name}.safetensors").read_bytes()).theta for name in ("whole", "object")]
+    assert np.abs(thetas[0] - thetas[1]).max() > 1e-3
+
+
+def test_info_tells_what_a_weights_file_holds(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    main(["encode", "photo.png", "-o", "out.safetensors"])
+    assert main(["info", "out.safetensors"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (told["model"], told["spec"]["k"], told["size"]) == ("tiny-k2", 2, 115)
+
+
+def _two_objects(here: Path) -> list[Path]:
+    for name, colour in (("a", "red"), ("b", "green")):
+        (here / f"{name}.png").write_bytes(image_file(disc(colour)))
+        assert main(["encode", f"{name}.png", "-o", f"{name}.safetensors"]) == 0
+    return [here / "a.safetensors", here / "b.safetensors"]
+
+
+def test_compose_writes_the_points_that_the_service_gives(here: Path, client: httpx.Client) -> None:
+    ids = [client.post("/objects", content=path.read_bytes()).json()["id"] for path in _two_objects(here)]
+    links = client.post("/compose", json={"objects": ids}).json()["links"]
+    for suffix in ("ply", "glb"):
+        assert (
+            main(["compose", "a.safetensors", "b.safetensors", "-o", f"ab.{suffix}", "--n", "5000", "--seed", "3"]) == 0
+        )
+        served = client.get(links["points"], params={"n": 5000, "seed": 3, "format": suffix})
+        assert (here / f"ab.{suffix}").read_bytes() == served.content
+    assert main(["compose", "b.safetensors", "a.safetensors", "-o", "ba.ply", "--n", "5000", "--seed", "3"]) == 0
+    assert (here / "ab.ply").read_bytes() != (here / "ba.ply").read_bytes()
+
+
+def test_a_composed_objects_weights_are_sampled_and_told(
+    here: Path, client: httpx.Client, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ids = [client.post("/objects", content=path.read_bytes()).json()["id"] for path in _two_objects(here)]
+    links = client.post("/compose", json={"objects": ids}).json()["links"]
+    (here / "ab.safetensors").write_bytes(client.get(links["weights"]).content)
+    assert main(["sample", "ab.safetensors", "-o", "ab.ply", "--n", "500"]) == 0
+    assert (here / "ab.ply").read_bytes() == client.get(links["points"], params={"n": 500}).content
+    capsys.readouterr()
+    assert main(["info", "ab.safetensors"]) == 0
+    assert json.loads(capsys.readouterr().out)["word"] == ids
+    assert main(["compose", "a.safetensors", "ab.safetensors", "-o", "out.ply"]) == 2
+    assert "ab.safetensors is composed" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", MESH_FORMATS)
+def test_mesh_writes_the_surface_that_the_service_gives(here: Path, client: httpx.Client, name: str) -> None:
+    assert main(["encode", "photo.png", "-o", "object.safetensors"]) == 0
+    assert main(["mesh", "object.safetensors", "-o", f"object.{name}", "--resolution", "8", "--scale", "2"]) == 0
+    links = client.post("/objects", content=(here / "object.safetensors").read_bytes()).json()["links"]
+    served = client.get(links["mesh"], params={"format": name, "resolution": 8, "scale": 2})
+    assert (here / f"object.{name}").read_bytes() == served.content
+
+
+def test_compose_refuses_what_makes_no_word(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    _two_objects(here)
+    spec = MappingSpec("tiny", 3, (16,), 3, k=3)
+    (here / "c.safetensors").write_bytes(dump(Weights(spec, initial_theta(spec), "m"), "safetensors"))
+    for names, message in (
+        ("a", "a word needs k = 2 objects, not 1"),
+        ("a b a", "a word needs k = 2 objects, not 3"),
+        ("a c", "c.safetensors has the k 3, a.safetensors 2: specs must be equal"),
+        ("a d", "d.safetensors: No such file or directory"),
+    ):
+        assert main(["compose", *(f"{name}.safetensors" for name in names.split()), "-o", "out.ply"]) == 2
+        assert capsys.readouterr().err == f"hof: {message}\n"
+    assert not (here / "out.ply").exists()
+
+
+def test_openapi_prints_the_committed_schema(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["openapi"]) == 0
+    assert capsys.readouterr().out == (Path(__file__).parents[3] / "openapi.json").read_text()
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        ("encode photo.png -o out.stl", "out.stl: no format has the suffix '.stl'"),
+        ("encode photo.png -o out", "no format has the suffix ''"),
+        ("encode photo.png -o nowhere/out.ply", "No such file or directory"),
+        ("encode nothere.png -o out.ply", "nothere.png: No such file or directory"),
+        ("encode text.png -o out.ply", "no PNG, JPEG or WebP"),
+        ("encode cut.png -o out.ply", "truncated or corrupt"),
+        ("encode photo.png -o out.ply --n 0", "n: Input should be greater than or equal to 1"),
+        ("encode photo.png -o out.ply --n x", "n: Input should be a valid integer"),
+        ("encode photo.png -o out.json --n 100001", "json holds at most 100000 points"),
+        ("encode photo.png -o out.ply --seed -1", "seed: "),
+        ("encode photo.png -o out.ply --foreground-ratio 2", "foreground_ratio: "),
+        ("encode photo.png -o out.ply --threads 0", "threads: "),
+        ("encode photo.png -o out.ply --model nothere.onnx", "nothere.onnx"),
+        ("encode photo.png -o out.ply --model photo.png", "photo.png is unusable"),
+        ("sample nothere.safetensors -o out.ply", "nothere.safetensors"),
+        ("sample photo.png -o out.ply", "hof: photo.png: "),
+        ("compose photo.png photo.png -o out.ply", "hof: photo.png: "),
+        ("compose photo.png -o out.stl", "no format has the suffix"),
+        ("compose a.safetensors -o out.png", "all words are those of two objects, not 1"),
+        ("compose a.safetensors a.safetensors -o out.png --n 100001", "a picture shows at most 100000 points"),
+        ("compose a.safetensors a.safetensors -o out.png --scale 2", "a picture has no scale"),
+        ("sample photo.png -o out.safetensors", "no format has the suffix"),
+        ("mesh photo.png -o out.npy", "out.npy: no format has the suffix '.npy', only .glb, .gltf, .obj, .stl, .ply"),
+        ("mesh photo.png -o out.stl", "hof: photo.png: "),
+        ("mesh photo.png -o out.stl --resolution 1000", "resolution: "),
+        ("info photo.png", "hof: photo.png: "),
+        ("serve --port 70000", "port: "),
+        ("serve --model nothere.onnx", "nothere.onnx"),
+        ("serve --model tiny.onnx --model tiny.onnx", "tiny.onnx and tiny.onnx are both named tiny-k2: load one"),
+        ("serve --matting-model nothere.onnx", "cannot read the matting model nothere.onnx: No such file"),
+        ("encode photo.png -o out.ply --matting-model photo.png", "the matting model photo.png is unusable"),
+        ("serve --api-keys-file nothere", "cannot read the keys file nothere: No such file"),
+        ("serve --api-keys-file text.png", "line 1 of the keys file text.png is malformed"),
+        ("serve --metrics key", "/metrics is to need a key, but there is no keys file"),
+        ("serve --rate-limit often", "rate_limit: "),
+        ("serve --cors-origins shop.example", "cors_origins: "),
+        ("serve --workers 0", "workers: "),
+        ("key a/b --scope read", "a key's name has 1 to 64 letters"),
+        ("doctor --threads 0", "threads: "),
+        ("serve --database-url nonsense", "the database URL is none"),
+        ("serve --database-url nosuch://user:secret@db/x", "cannot open the database nosuch://user:***@db/x"),
+        ("serve --database-url sqlite:///photo.png", "cannot open the database sqlite:///photo.png: file is not"),
+        ("serve --database-url sqlite:///photo.png/hof.db", "cannot open the database sqlite:///photo.png/hof.db"),
+        ("serve --database-url postgresql://u:secret@127.0.0.1:1/x", "cannot open the database postgresql://u:***@"),
+    ],
+)
+def test_errors_are_one_line_and_leave_no_file(
+    here: Path, capsys: pytest.CaptureFixture[str], command: str, message: str
+) -> None:
+    (here / "text.png").write_text("no image")
+    tiny_model.build(here / "tiny.onnx")
+    weights = Weights(tiny_model.SPEC, initial_theta(tiny_model.SPEC), "m")
+    (here / "a.safetensors").write_bytes(dump(weights, "safetensors"))
+    (here / "cut.png").write_bytes((here / "photo.png").read_bytes()[:100])
+    before = sorted(here.iterdir())
+    assert main(command.split()) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("hof: ")
+    assert captured.err.count("\n") == 1
+    assert message in captured.err
+    assert "secret" not in captured.err
+    assert sorted(here.iterdir()) == before
+
+
+def test_a_write_that_fails_leaves_the_old_file(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (here / "out.ply").write_text("old")
+
+    def broken(*_: object) -> object:
+        yield b"half"
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("service.cli.files.write", broken)
+    before = sorted(here.iterdir())
+    assert main(["encode", "photo.png", "-o", "out.ply"]) == 2
+    assert sorted(here.iterdir()) == before
+    assert (here / "out.ply").read_text() == "old"
+
+
+def test_every_setting_is_a_flag_of_serve(
+    monkeypatch: pytest.MonkeyPatch, model_path: Path, u2net_home: Path, tmp_path: Path
+) -> None:
+    values = {
+        "host": "::1",
+        "port": 1,
+        "database_url": f"sqlite:///{tmp_path / 'x.db'}",
+        "model": (model_path, tiny_model.build(tmp_path / "b.onnx", meta=tiny_model.metadata(name="b"))),
+        "matting_model": u2net_home / "u2netp.onnx",
+        "max_image_bytes": 2,
+        "max_image_pixels": 3,
+        "max_weights_bytes": 4,
+        "max_points": 5,
+        "threads": 6,
+        "max_queued_images": 9,
+        "max_points_in_flight": 10,
+        "max_upload_bytes": 11,
+        "client_timeout_s": 12,
+        "drain_s": 7,
+        "shutdown_s": 8,
+        "workers": 1,
+        "api_keys_file": tmp_path / "keys",
+        "metrics": "key",
+        "rate_limit": "8/minute",
+        "cors_origins": "https://a.example",
+        "log_level": "debug",
+        "log_format": "text",
+    }
+    (tmp_path / "keys").write_text(make_key("a", frozenset({"read"}))[1].line)
+    assert values.keys() == Settings.model_fields.keys()
+    seen: list[Settings] = []
+    monkeypatch.setattr("service.api.app.create_app", seen.append)
+
+    def run(stopped: server.Server) -> None:
+        assert isinstance(stopped.config.app, partial)
+        stopped.config.app()
+        stopped.started = True
+
+    monkeypatch.setattr(server.Server, "run", run)
+    given = [(name, one) for name, value in values.items() for one in (value if isinstance(value, tuple) else [value])]
+    flags = [part for name, value in given for part in (f"--{name.replace('_', '-')}", str(value))]
+    assert main(["serve", *flags]) == 0
+    assert seen[0].model_dump() == values
+
+
+def test_serve_help_names_flags_variables_and_defaults(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="0"):
+        main(["serve", "--help"])
+    text = " ".join(capsys.readouterr().out.split())
+    assert "--max-image-bytes" in text
+    assert "default: 20971520 [HOF_MAX_IMAGE_BYTES]" in text
+
+
+def test_no_command_is_a_usage_error(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main([])
+    assert "COMMAND" in capsys.readouterr().err

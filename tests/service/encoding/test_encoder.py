@@ -1,0 +1,141 @@
+import hashlib
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from service.encoding.encoder import Encoder
+from service.errors import InvalidModel
+from tests.support.small import model as tiny_model
+
+OPEN_TIMEOUT_S = 60
+
+
+def test_a_model_describes_itself(model_path: Path) -> None:
+    encoder = Encoder.open(model_path, threads=1)
+    assert encoder.spec == tiny_model.SPEC
+    assert (encoder.framing.size, encoder.framing.foreground_ratio) == (tiny_model.SIZE, 0.85)
+    assert encoder.name == "tiny-k2"
+    assert encoder.card == tiny_model.CARD
+    assert encoder.digest == hashlib.sha256(model_path.read_bytes()).hexdigest()
+
+
+@pytest.mark.parametrize("batch", [1, 3])
+def test_encode_computes_the_network(model_path: Path, batch: int) -> None:
+    images = np.random.default_rng(0).random((batch, 3, tiny_model.SIZE, tiny_model.SIZE), np.float32)
+    found = Encoder.open(model_path, threads=1).encode(images)
+    assert [functions.color for functions in found] == [None] * batch
+    theta = np.stack([functions.theta for functions in found])
+    assert theta.shape == (batch, tiny_model.SPEC.size)
+    assert theta.dtype == np.float32
+    np.testing.assert_allclose(theta, tiny_model.theta_of(images), atol=1e-5)
+
+
+def test_a_model_in_colour_gives_the_same_theta_and_each_image_its_colour(model_path: Path, colored_path: Path) -> None:
+    images = np.random.default_rng(0).random((3, 3, tiny_model.SIZE, tiny_model.SIZE), np.float32)
+    plain, encoder = Encoder.open(model_path, threads=1), Encoder.open(colored_path, threads=1)
+    matrix, b = tiny_model.color_parameters()
+    assert (plain.color_spec, encoder.color_spec) == (None, tiny_model.COLOR_SPEC)
+    for image, one, other in zip(images, plain.encode(images), encoder.encode(images), strict=True):
+        np.testing.assert_array_equal(other.theta, one.theta)
+        assert other.color
+        assert other.color.spec == tiny_model.COLOR_SPEC
+        np.testing.assert_allclose(other.color.weights, image.mean(axis=(1, 2)) @ matrix + b, atol=1e-5)
+
+
+def test_a_missing_file_says_what_to_do(tmp_path: Path) -> None:
+    with pytest.raises(InvalidModel, match=r"nothere\.onnx.*HOF_MODEL"):
+        Encoder.open(tmp_path / "nothere.onnx", 1)
+
+
+@pytest.mark.parametrize("keep", [0, 100, 0.5, -1])
+def test_a_corrupt_file_is_refused(model_path: Path, tmp_path: Path, keep: float) -> None:
+    data = model_path.read_bytes()
+    cut = int(len(data) * keep) if isinstance(keep, float) else keep
+    bad = tmp_path / "bad.onnx"
+    bad.write_bytes(data[:cut])
+    with pytest.raises(InvalidModel, match=r"bad\.onnx is unusable"):
+        Encoder.open(bad, 1)
+
+
+def _with(key: str, value: object) -> dict[str, str]:
+    """The metadata with one entry replaced, or removed where the value is None."""
+    meta = {**tiny_model.metadata(), key: value if isinstance(value, str) else json.dumps(value)}
+    return {name: text for name, text in meta.items() if text != "null"}
+
+
+SPEC = json.loads(tiny_model.SPEC.to_json())
+COLOR_SPEC = json.loads(tiny_model.COLOR_SPEC.to_json())
+
+
+@pytest.mark.parametrize(
+    ("meta", "message"),
+    [
+        (_with("hof.format", 2), "it is of format 2, this version of hof reads 1: install a newer hof"),
+        (_with("hof.spec", None), "lacks 'hof.spec'"),
+        (_with("hof.framing", None), "lacks 'hof.framing'"),
+        (_with("hof.card", None), "lacks 'hof.card'"),
+        (_with("hof.spec", "{"), "'hof.spec' is not JSON"),
+        (_with("hof.spec", {**SPEC, "k": 0}), "k must lie"),
+        (_with("hof.spec", {**SPEC, "hidden": [17]}), "output 'theta' has shape"),
+        (_with("hof.framing", {"size": 64, "foreground_ratio": 0.85}), "input 'image' has shape"),
+        (_with("hof.framing", {"size": "32", "foreground_ratio": 0.85}), "needs a size"),
+        (_with("hof.framing", {"size": 32, "foreground_ratio": 0}), "needs a size"),
+        (_with("hof.card", {"name": ""}), "needs a name"),
+        (_with("hof.card", []), "needs a name"),
+        (_with("hof.color_spec", {**COLOR_SPEC, "k": 0}), "'hof.color_spec' is no mapping spec: k must lie"),
+        (_with("hof.color_spec", {**COLOR_SPEC, "k": 2}), "'hof.color_spec' does not fit .* k must be 1"),
+        (_with("hof.color_spec", {**COLOR_SPEC, "domain": "cube"}), "domain must be 'ball', as the points'"),
+        (_with("hof.color_spec", COLOR_SPEC), "its output is theta and color, by its graph theta"),
+    ],
+)
+def test_metadata_that_is_wrong_is_refused(tmp_path: Path, meta: dict[str, str], message: str) -> None:
+    with pytest.raises(InvalidModel, match=message):
+        Encoder.open(tiny_model.build(tmp_path / "m.onnx", meta=meta), 1)
+
+
+def test_a_file_of_before_formats_were_written_is_read(tmp_path: Path) -> None:
+    assert Encoder.open(tiny_model.build(tmp_path / "m.onnx", meta=_with("hof.format", None)), 1).name == "tiny-k2"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"batch": 1}, "has shape"),
+        ({"output": "weights"}, "its output is theta, by its graph weights"),
+        ({"color_spec": tiny_model.COLOR_SPEC, "meta": tiny_model.metadata()}, "theta, by its graph theta, color"),
+        (
+            {"color_spec": tiny_model.COLOR_SPEC, "meta": _with("hof.color_spec", {**COLOR_SPEC, "hidden": [9]})},
+            "output 'color' has shape",
+        ),
+    ],
+)
+def test_a_graph_of_another_shape_is_refused(tmp_path: Path, wrong: dict[str, Any], message: str) -> None:
+    with pytest.raises(InvalidModel, match=message):
+        Encoder.open(tiny_model.build(tmp_path / "m.onnx", **wrong), 1)
+
+
+def test_a_theta_that_is_not_finite_never_leaves(tmp_path: Path) -> None:
+    encoder = Encoder.open(tiny_model.build(tmp_path / "m.onnx", bias=float("inf")), 1)
+    with pytest.raises(InvalidModel, match="not finite"):
+        encoder.warm_up()
+
+
+def test_onnxruntime_tells_its_maker_nothing(model_path: Path, tmp_path: Path) -> None:
+    """It would keep the id by which it tells and what it has to tell in the user's cache."""
+    home = tmp_path / "home"
+    home.mkdir()
+    encoder = "service.encoding.encoder"
+    program = f"from pathlib import Path; from {encoder} import Encoder; Encoder.open(Path({str(model_path)!r}), 1)"
+    root = str(Path(__file__).parents[3])
+    subprocess.run(
+        [sys.executable, "-c", program],
+        env={"HOME": str(home), "PYTHONPATH": root, "PYTHONDONTWRITEBYTECODE": "1"},
+        check=True,
+        timeout=OPEN_TIMEOUT_S,
+    )
+    assert list(home.iterdir()) == []

@@ -1,0 +1,165 @@
+"""Framing: what of a photo an encoder sees, and how that is told."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from PIL import Image, ImageDraw
+
+from service.encoding.framing import Background, Framing, preprocess
+from service.errors import InvalidParameter, NoObjectFound
+from tests.support.photos import disc, image_file
+
+FRAMING = Framing(size=64, foreground_ratio=0.85)
+
+
+def _object_span(tensor: np.ndarray[Any, Any]) -> tuple[int, int, int, int]:
+    """left, top, right, bottom of what is not white in an encoder's input."""
+    rows, columns = np.nonzero((tensor[0] < 0.5).any(axis=0))
+    return int(columns.min()), int(rows.min()), int(columns.max()) + 1, int(rows.max()) + 1
+
+
+def test_the_tensor_is_what_an_encoder_takes() -> None:
+    framed = preprocess(image_file(disc()), FRAMING)
+    assert framed.tensor.shape == (1, 3, 64, 64)
+    assert framed.tensor.dtype == np.float32
+    assert framed.tensor.flags.c_contiguous
+    assert 0 <= framed.tensor.min() <= framed.tensor.max() <= 1
+    np.testing.assert_array_equal(framed.tensor[0, :, 0, 0], 1)  # white ground
+    np.testing.assert_array_equal(framed.tensor[0, :, 32, 32], [1, 0, 0])  # red disc
+
+
+def test_a_uniform_border_is_the_background() -> None:
+    framed = preprocess(image_file(disc()), FRAMING)
+    assert (framed.mask, framed.box, framed.width, framed.height) == ("border", (40, 30, 81, 71), 120, 90)
+
+
+@pytest.mark.parametrize("ground", ["white", "black", "#7080a0"])
+def test_the_ground_becomes_white_whatever_it_was(ground: str) -> None:
+    image = Image.new("RGB", (100, 100), ground)
+    ImageDraw.Draw(image).rectangle((30, 30, 69, 69), fill="red")
+    np.testing.assert_array_equal(preprocess(image_file(image), FRAMING).tensor[0, :, 0, 0], 1)
+
+
+def test_alpha_is_the_mask_and_wins_over_the_border() -> None:
+    image = Image.new("RGBA", (100, 80), (255, 255, 255, 0))
+    ImageDraw.Draw(image).rectangle((20, 10, 79, 39), fill=(255, 255, 255, 255))  # white on white: alpha alone tells
+    ImageDraw.Draw(image).rectangle((40, 20, 49, 29), fill=(0, 0, 0, 255))
+    framed = preprocess(image_file(image), FRAMING)
+    assert (framed.mask, framed.box) == ("alpha", (20, 10, 80, 40))
+
+
+def test_what_is_transparent_never_shows() -> None:
+    images = []
+    for hidden in ("red", "black"):
+        image = Image.new("RGB", (80, 80), hidden)
+        ImageDraw.Draw(image).ellipse((20, 20, 59, 59), fill="blue")
+        mask = Image.new("L", (80, 80), 0)
+        ImageDraw.Draw(mask).ellipse((20, 20, 59, 59), fill=255)
+        image.putalpha(mask)
+        images.append(preprocess(image_file(image), FRAMING).tensor)
+    np.testing.assert_allclose(images[0], images[1], atol=0.02)
+
+
+@pytest.mark.parametrize("ratio", [0.1, 0.5, 0.85, 1.0])
+def test_the_longer_side_takes_the_foreground_ratio(ratio: float) -> None:
+    image = Image.new("RGB", (300, 200), "white")
+    ImageDraw.Draw(image).rectangle((50, 60, 209, 99), fill="black")  # 160 x 40
+    left, top, right, bottom = _object_span(preprocess(image_file(image), Framing(64, ratio)).tensor)
+    assert abs((right - left) - 64 * ratio) <= 2
+    assert abs((bottom - top) - 64 * ratio / 4) <= 2
+    assert abs((left + right) / 2 - 32) <= 1
+    assert abs((top + bottom) / 2 - 32) <= 1
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(3, 117), st.integers(3, 57))
+def test_framing_does_not_see_where_the_object_stands(x: int, y: int) -> None:
+    centred = preprocess(image_file(disc("red", (161, 101), (60, 30))), FRAMING)
+    moved = preprocess(image_file(disc("red", (161, 101), (x, y))), FRAMING)
+    np.testing.assert_array_equal(moved.tensor, centred.tensor)
+    assert moved.box == (x, y, x + 41, y + 41)
+
+
+def test_framing_does_not_see_how_large_the_photo_is() -> None:
+    small = preprocess(image_file(disc()), FRAMING).tensor
+    padded = preprocess(image_file(disc("red", (600, 500), (40, 30))), FRAMING).tensor
+    np.testing.assert_array_equal(padded, small)
+
+
+@pytest.mark.parametrize("kind", ["PNG", "JPEG", "WEBP"])
+def test_large_photos_are_reported_in_their_own_pixels(kind: str) -> None:
+    image = Image.new("RGB", (4000, 3000), "white")
+    ImageDraw.Draw(image).rectangle((1000, 600, 2999, 2399), fill="navy")
+    framed = preprocess(image_file(image, kind), FRAMING)
+    assert (framed.width, framed.height) == (4000, 3000)
+    np.testing.assert_allclose(framed.box, (1000, 600, 3000, 2400), atol=8)
+
+
+@pytest.mark.parametrize(("alpha", "confidence"), [(255, 1.0), (102, 0.4)])
+def test_confidence_is_the_mean_of_the_matte_weighted_by_itself(alpha: int, confidence: float) -> None:
+    image = Image.new("RGBA", (100, 80), (255, 0, 0, 0))
+    ImageDraw.Draw(image).rectangle((20, 10, 79, 39), fill=(0, 0, 255, alpha))
+    assert preprocess(image_file(image), FRAMING).confidence == pytest.approx(confidence)
+
+
+def test_without_a_mask_there_is_no_confidence() -> None:
+    assert preprocess(image_file(disc()), FRAMING, "keep").confidence is None
+
+
+def test_a_small_share_makes_no_huge_crop(monkeypatch: pytest.MonkeyPatch) -> None:
+    image = Image.new("RGBA", (1024, 1024), "black")
+    image.putpixel((0, 0), (0, 0, 0, 0))
+    cropped = []
+    original = Image.Image.crop
+
+    def crop(self: Image.Image, box: tuple[int, int, int, int]) -> Image.Image:
+        cropped.append(box)
+        return original(self, box)
+
+    monkeypatch.setattr(Image.Image, "crop", crop)
+    left, top, right, bottom = _object_span(preprocess(image_file(image), Framing(64, 0.1)).tensor)
+    assert abs((right - left) - 6.4) <= 1.6
+    assert abs((left + right) / 2 - 32) <= 1
+    assert (bottom - top, top) == (right - left, left)
+    ((x0, _, x1, _),) = cropped
+    assert x1 - x0 < 4096
+
+
+def test_keep_takes_the_whole_image() -> None:
+    framed = preprocess(image_file(disc("red", (120, 60), (40, 10))), FRAMING, "keep")
+    assert (framed.mask, framed.box) == ("none", (0, 0, 120, 60))
+    left, top, right, bottom = _object_span(framed.tensor)
+    assert abs((right - left) - 64 * 41 / 120) <= 2
+    assert abs((bottom - top) - 64 * 41 / 120) <= 2
+
+
+@pytest.mark.parametrize("background", ["auto", "remove"])
+@pytest.mark.parametrize(
+    "image",
+    [
+        Image.new("RGB", (64, 64), "white"),
+        Image.new("RGB", (1, 1), "red"),
+        Image.new("RGBA", (64, 64), (255, 0, 0, 0)),
+    ],
+    ids=["blank", "1x1", "transparent"],
+)
+def test_no_object_is_said_so(image: Image.Image, background: Background) -> None:
+    with pytest.raises(NoObjectFound):
+        preprocess(image_file(image), FRAMING, background)
+
+
+def test_one_pixel_that_is_kept_fills_the_input() -> None:
+    framed = preprocess(image_file(Image.new("RGB", (1, 1), "red")), FRAMING, "keep")
+    assert framed.box == (0, 0, 1, 1)
+    np.testing.assert_array_equal(framed.tensor[0, 0], 1)
+    np.testing.assert_array_equal(framed.tensor[0, 1:], 0)
+
+
+def test_a_busy_border_leaves_the_image_whole_and_cannot_be_removed() -> None:
+    noise = Image.fromarray(np.random.default_rng(0).integers(0, 255, (64, 64, 3), np.uint8))
+    assert preprocess(image_file(noise), FRAMING).mask == "none"
+    with pytest.raises(InvalidParameter, match="cannot be removed"):
+        preprocess(image_file(noise), FRAMING, "remove")

@@ -1,0 +1,226 @@
+"""Matting: what stands out in front of any background, on real pictures, with the real network."""
+
+import hashlib
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import httpx
+import numpy as np
+import pytest
+import skimage.data
+from PIL import Image
+
+from service.encoding.encoder import Encoder
+from service.encoding.framing import Framing, decode, preprocess
+from service.encoding.matting import KEPT, Matting
+from service.errors import InvalidModel, NoObjectFound
+from service.settings import Settings
+from service.storage.ids import encoded_id
+from tests.support.photos import disc, image_file
+from tests.support.server import running
+
+FRAMING = Framing(size=64, foreground_ratio=0.85)
+DEMO = Path(__file__).parents[3] / "demo"
+COFFEE = (DEMO / "coffee.jpg").read_bytes()  # 600 x 400, a cup on a saucer on a table
+CUP = (77, 18, 479, 390)  # what a person takes for its box, within some pixels
+TEXTURES = ["brick", "grass", "gravel"]
+
+
+def _matting(path: Path) -> Matting:
+    matting = Matting.of(path, 1)
+    assert matting is not None
+    return matting
+
+
+@pytest.fixture(scope="module")
+def matting(u2net_home: Path) -> Matting:
+    return _matting(u2net_home / "u2netp.onnx")
+
+
+def _texture(name: str) -> Image.Image:
+    return Image.fromarray(getattr(skimage.data, name)()).convert("RGB")
+
+
+def _over(name: str, texture: str) -> tuple[Image.Image, np.ndarray[tuple[int, ...], np.dtype[np.bool_]]]:
+    """A picture of the demo before a texture, and where its object is, (H, W)."""
+    with Image.open(DEMO / name) as picture:
+        ground = _texture(texture).resize(picture.size)
+        ground.paste(picture, (0, 0), picture)
+        return ground, np.asarray(picture)[..., 3] > 127
+
+
+# --- the matte ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "texture", "least"),
+    [("armchair.png", "grass", 0.95), ("armchair.png", "brick", 0.9), ("chair.png", "gravel", 0.9)],
+)
+def test_the_matte_covers_the_object(matting: Matting, name: str, texture: str, least: float) -> None:
+    photo, truth = _over(name, texture)
+    found = matting(photo) > 127
+    assert (found & truth).sum() / (found | truth).sum() > least
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 900), (900, 1), (37, 501), (1024, 768)])
+def test_a_matte_has_the_photos_size(matting: Matting, size: tuple[int, int]) -> None:
+    matte = matting(decode(COFFEE).resize(size))
+    assert matte.shape == (size[1], size[0])
+    assert matte.dtype == np.uint8
+
+
+def test_a_repeat_costs_no_inference(u2net_home: Path) -> None:
+    matting = _matting(u2net_home / "u2netp.onnx")
+    first = matting(decode(COFFEE))
+    matting._session = None  # would fail
+    np.testing.assert_array_equal(matting(decode(COFFEE)), first)
+    with pytest.raises(AttributeError):
+        matting(disc())
+    assert KEPT * first.nbytes < 10_000_000
+
+
+def test_threads_do_not_mix_their_photos(u2net_home: Path) -> None:
+    photos = [decode(COFFEE), disc()]
+    alone = [_matting(u2net_home / "u2netp.onnx")(photo) for photo in photos]
+    shared = _matting(u2net_home / "u2netp.onnx")
+    with ThreadPoolExecutor(len(photos)) as pool:
+        for matte, expected in zip(pool.map(shared, photos), alone, strict=True):
+            np.testing.assert_array_equal(matte, expected)
+
+
+# --- the file -------------------------------------------------------------------------------------
+
+
+def test_the_digest_is_that_of_the_file(matting: Matting, u2net_home: Path) -> None:
+    assert matting.digest == hashlib.sha256((u2net_home / "u2netp.onnx").read_bytes()).hexdigest()
+
+
+def test_no_file_is_no_matting() -> None:
+    assert Matting.of(None, 1) is None
+
+
+def test_a_missing_file_is_said_to_be_and_not_fetched(tmp_path: Path) -> None:
+    with pytest.raises(InvalidModel, match=r"cannot read the matting model .*u2netp\.onnx: No such file.* README"):
+        Matting.of(tmp_path / "u2netp.onnx", 1)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_files_that_are_no_u2net_are_refused(tmp_path: Path, model_path: Path, u2net_home: Path) -> None:
+    cut = tmp_path / "cut.onnx"
+    cut.write_bytes((u2net_home / "u2netp.onnx").read_bytes()[:100_000])
+    with pytest.raises(InvalidModel, match=r"cut\.onnx is unusable: it is no ONNX file"):
+        Matting.of(cut, 1)
+    with pytest.raises(InvalidModel, match="is unusable: it is no U2-Net"):
+        Matting.of(model_path, 1)
+
+
+# --- framing by it --------------------------------------------------------------------------------
+
+
+def test_a_photo_with_a_background_is_cut_out(matting: Matting) -> None:
+    framed = preprocess(COFFEE, FRAMING, matting=matting)
+    assert (framed.mask, framed.width, framed.height) == ("matting", 600, 400)
+    np.testing.assert_allclose(framed.box, CUP, atol=8)
+    assert framed.confidence is not None
+    assert 0.97 < framed.confidence <= 1
+    corners = framed.tensor[0][:, [0, 0, -1, -1], [0, -1, 0, -1]]
+    np.testing.assert_allclose(corners, 1, atol=0.02)  # the table is gone
+    assert framed.tensor[0, :, 32, 32].min() < 0.9
+
+
+@pytest.mark.parametrize("mode", ["L", "CMYK"])
+def test_grey_and_cmyk_photos_are_cut_out(matting: Matting, mode: str) -> None:
+    framed = preprocess(image_file(decode(COFFEE).convert(mode), "JPEG"), FRAMING, matting=matting)
+    assert framed.mask == "matting"
+    np.testing.assert_allclose(framed.box, CUP, atol=12)
+
+
+def test_a_turned_photo_is_cut_out_upright(matting: Matting) -> None:
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    stored = decode(COFFEE).transpose(Image.Transpose.ROTATE_90)  # the camera's file: a viewer turns it by 270 degrees
+    framed = preprocess(image_file(stored, "JPEG", exif=exif, quality=95), FRAMING, matting=matting)
+    assert (framed.width, framed.height) == (600, 400)
+    np.testing.assert_allclose(framed.box, CUP, atol=8)
+
+
+@pytest.mark.parametrize(("kind", "scale"), [("PNG", 3), ("JPEG", 7)])
+def test_a_large_photo_is_reported_in_its_own_pixels(matting: Matting, kind: str, scale: int) -> None:
+    photo = decode(COFFEE).resize((600 * scale, 400 * scale))
+    framed = preprocess(image_file(photo, kind), FRAMING, matting=matting)
+    assert (framed.width, framed.height) == photo.size
+    np.testing.assert_allclose(np.array(framed.box) / scale, CUP, atol=8)
+
+
+@pytest.mark.parametrize("name", TEXTURES)
+def test_a_texture_has_no_object(matting: Matting, name: str) -> None:
+    photo = image_file(_texture(name))
+    assert preprocess(photo, FRAMING).mask == "none"  # only matting can tell
+    with pytest.raises(NoObjectFound, match="no object found"):
+        preprocess(photo, FRAMING, matting=matting)
+
+
+def test_alpha_and_a_uniform_border_come_first(matting: Matting) -> None:
+    assert preprocess((DEMO / "chair.png").read_bytes(), FRAMING, matting=matting).mask == "alpha"
+    assert preprocess(image_file(disc()), FRAMING, matting=matting).mask == "border"
+
+
+def test_keep_takes_the_whole_photo(matting: Matting) -> None:
+    framed = preprocess(COFFEE, FRAMING, "keep", matting=matting)
+    assert (framed.mask, framed.box, framed.confidence) == ("none", (0, 0, 600, 400), None)
+
+
+# --- over HTTP ------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def client(settings: Settings, u2net_home: Path) -> Iterator[httpx.Client]:
+    with (
+        running(settings.model_copy(update={"matting_model": u2net_home / "u2netp.onnx"})) as server,
+        httpx.Client(base_url=f"http://127.0.0.1:{server.port}", timeout=60) as client,
+    ):
+        yield client
+
+
+def test_the_answer_tells_what_was_cut_out(client: httpx.Client, matting: Matting, model_path: Path) -> None:
+    answer = client.post("/encode", content=COFFEE)
+    made = answer.json()
+    framed = preprocess(COFFEE, FRAMING, matting=matting)
+    assert answer.status_code == 201
+    assert made["image"] == {
+        "mask": "matting",
+        "box": list(framed.box),
+        "confidence": pytest.approx(framed.confidence, abs=1e-3),
+        "width": 600,
+        "height": 400,
+    }
+    digests = (Encoder.open(model_path, 1).digest, matting.digest)
+    assert (
+        made["id"] == encoded_id(COFFEE, "matting", 0.85, *digests) != encoded_id(COFFEE, "matting", 0.85, digests[0])
+    )
+
+
+def test_a_repeat_answers_200_and_costs_no_inference(client: httpx.Client, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = client.post("/encode", content=COFFEE).json()
+    monkeypatch.setattr(Encoder, "encode", None)  # would fail
+    monkeypatch.setattr(Matting, "_run", None)
+    again = client.post("/encode?background=remove", content=COFFEE)
+    assert (again.status_code, again.json()) == (200, first)
+
+
+def test_the_whole_photo_is_another_object(client: httpx.Client) -> None:
+    made = client.post("/encode", content=COFFEE).json()
+    kept = client.post("/encode?background=keep", content=COFFEE)
+    assert kept.status_code == 201
+    assert kept.json()["image"]["mask"] == "none"
+    assert kept.json()["id"] != made["id"]
+
+
+@pytest.mark.parametrize("query", ["", "?background=remove", "?store=false"])
+def test_a_photo_of_nothing_is_a_problem_that_says_so(client: httpx.Client, query: str) -> None:
+    answer = client.post(f"/encode{query}", content=image_file(_texture("grass"), "JPEG"))
+    problem = answer.json()
+    assert (answer.status_code, problem["title"]) == (422, "No object found")
+    assert [error["field"] for error in problem["errors"]] == ["image"]
+    assert client.get("/objects").json()["items"] == []

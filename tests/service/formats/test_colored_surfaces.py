@@ -1,0 +1,106 @@
+"""Surfaces in colour over a real socket: what stands in each format, and what other programs read."""
+
+import io
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import numpy.typing as npt
+import pytest
+import trimesh
+from scipy.spatial import cKDTree
+
+from service import cli
+from service.formats.mesh.registry import MESH_FORMATS
+from service.formats.weights import load
+from service.mapping.spec import apply, compose, word_of
+from service.mapping.surface import shells
+from tests.support.colored_objects import check_none_leaves_colour_out, encoded, file_of
+from tests.support.gltf_validator import check_valid
+
+RESOLUTION = 16
+COLORED = [name for name, fmt in MESH_FORMATS.items() if fmt.holds_color]
+
+Levels = npt.NDArray[np.float64]  # sRGB, 0 to 255
+
+
+def _file(client: httpx.Client, made: dict[str, Any], name: str, **query: int | str) -> bytes:
+    return file_of(client, made, "mesh", format=name, resolution=RESOLUTION, **query)
+
+
+def _read(data: bytes, name: str) -> tuple[trimesh.Trimesh, Levels]:
+    """What an independent reader makes of a file: the mesh, and the colours of its vertices."""
+    (mesh,) = trimesh.load_scene(io.BytesIO(data), file_type=name, process=False).geometry.values()
+    if name not in ("glb", "gltf"):
+        return mesh, mesh.visual.vertex_colors[:, :3].astype(np.float64)
+    linear = mesh.visual.vertex_attributes["color"].astype(np.float64)  # as glTF holds it
+    return mesh, 255 * np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+
+
+@pytest.mark.parametrize("word", [["red"], ["red", "blue"]])
+def test_each_vertex_has_the_colour_of_its_canonical_point(colored: httpx.Client, word: list[str]) -> None:
+    """In a word the mean of its functions' colours."""
+    made = encoded(colored, word[0])
+    if len(word) > 1:
+        ids = [encoded(colored, colour)["id"] for colour in word]
+        made = colored.post("/compose", json={"objects": ids}).json()
+    weights = load(colored.get(made["links"]["weights"]).content)
+    assert weights.color
+    canonical, _ = shells(weights.spec.domain, RESOLUTION)
+    mesh, levels = _read(_file(colored, made, "ply"), "ply")
+    places = compose(weights.spec, word_of(weights.spec, weights.theta), canonical)
+    distances, index = cKDTree(places).query(mesh.vertices)
+    assert distances.max() < 1e-5
+    functions = np.atleast_2d(weights.color.weights)
+    assert len(functions) == len(word)
+    values = [np.clip(apply(weights.color.spec, row, canonical[index]), 0, 1) for row in functions]
+    assert np.std(values, axis=1).max() > 0.1
+    assert np.abs(values[0] - values[-1]).max() > 0.2 or len(word) == 1
+    assert np.abs(levels - 255 * np.mean(values, axis=0)).max() < 0.502
+
+
+@pytest.mark.parametrize("name", COLORED)
+def test_other_programs_read_the_same_colours_of_every_format(colored: httpx.Client, name: str) -> None:
+    made = encoded(colored)
+    ply, levels = _read(_file(colored, made, "ply"), "ply")
+    mesh, read = _read(_file(colored, made, name), name)
+    np.testing.assert_allclose(mesh.triangles, ply.triangles, rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(read[mesh.faces], levels[ply.faces], atol=0.01)
+
+
+@pytest.mark.parametrize("name", ["glb", "gltf"])
+def test_the_khronos_validator_finds_nothing(colored: httpx.Client, name: str, tmp_path: Path) -> None:
+    data = _file(colored, encoded(colored), name)
+    assert b"COLOR_0" in data
+    assert b'"baseColorFactor":[1.0,1.0,1.0,1.0]' in data  # anything else would tint the colours
+    assert check_valid(data, tmp_path)["info"]["totalTriangleCount"] > 1000
+
+
+@pytest.mark.parametrize("name", MESH_FORMATS)
+def test_color_none_gives_the_file_of_a_model_without_colour(
+    client: httpx.Client, colored: httpx.Client, name: str
+) -> None:
+    holds_color = MESH_FORMATS[name].holds_color
+    check_none_leaves_colour_out(client, colored, "mesh", holds_color, format=name, resolution=RESOLUTION)
+
+
+def test_colour_is_part_of_the_etag(colored: httpx.Client) -> None:
+    link = encoded(colored)["links"]["mesh"]
+    tags = [colored.head(f"{link}?color={color}").headers["etag"] for color in ("auto", "none")]
+    assert len(set(tags)) == 2
+    assert colored.get(f"{link}?color=none", headers={"If-None-Match": tags[1]}).status_code == 304
+    assert colored.get(link, headers={"If-None-Match": tags[1]}).status_code == 200
+
+
+@pytest.mark.parametrize("color", ["auto", "none"])
+@pytest.mark.parametrize("name", MESH_FORMATS)
+def test_the_command_line_gives_the_services_colours(
+    colored: httpx.Client, tmp_path: Path, name: str, color: str
+) -> None:
+    made = encoded(colored)
+    file, out = tmp_path / "a.safetensors", tmp_path / f"a.{name}"
+    file.write_bytes(colored.get(made["links"]["weights"]).content)
+    command = ["mesh", str(file), "-o", str(out), "--resolution", str(RESOLUTION), "--color", color]
+    assert cli.main(command) == 0
+    assert out.read_bytes() == _file(colored, made, name, color=color)

@@ -1,0 +1,278 @@
+import base64
+import io
+import json
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from service.errors import InvalidParameter, NotAcceptable
+from service.formats.points.registry import POINT_FORMATS, Part, PointFormat, negotiate, write
+from service.formats.raw import float32
+from service.mapping.canonical import canonical_points
+from service.mapping.sampler import bounds
+from service.mapping.spec import Array
+from tests.support.gltf_validator import check_valid, gltf_report
+from tests.support.small.clouds import BINARY, EVERY, FORMATS, TEXT, TWO, Given, colored, colors_of, file_of, label
+
+
+def read(fmt: PointFormat, data: bytes) -> Array:
+    """The points as another program reads them, (n, 3) float32."""
+    match fmt.name:
+        case "ply" | "glb" | "gltf":
+            geometry = trimesh.load_scene(io.BytesIO(data), file_type=fmt.name).to_geometry()
+            return np.asarray(geometry.vertices, np.float32)
+        case "npy":
+            return np.asarray(np.load(io.BytesIO(data), allow_pickle=False))
+        case "pcd":
+            head, _, body = data.partition(b"DATA binary\n")
+            fields = dict(line.split(b" ", 1) for line in head.splitlines())
+            assert (fields[b"FIELDS"], fields[b"SIZE"], fields[b"TYPE"]) == (b"x y z", b"4 4 4", b"F F F")
+            return np.frombuffer(body, "<f4").reshape(int(fields[b"POINTS"]), 3)
+        case "f32" | "f16":
+            return np.frombuffer(data, f"<{fmt.name[0]}{int(fmt.name[1:]) // 8}").reshape(-1, 3).astype(np.float32)
+        case "xyz":
+            return np.loadtxt(io.BytesIO(data), dtype=np.float32, ndmin=2)
+        case "json":
+            return np.array(json.loads(data)["points"], np.float32)
+    raise ValueError(fmt.name)
+
+
+def test_names() -> None:
+    assert list(POINT_FORMATS) == ["ply", "npy", "xyz", "json", "glb", "gltf", "pcd", "f32", "f16"]
+    assert all(name == fmt.name and fmt.extension == f".{name}" for name, fmt in POINT_FORMATS.items())
+
+
+# Bytes
+
+
+def test_ply_bytes() -> None:
+    header = (
+        b"ply\nformat binary_little_endian 1.0\ncomment +Y is up, the front faces +Z\nelement vertex 2\n"
+        b"property float x\nproperty float y\nproperty float z\nend_header\n"
+    )
+    assert file_of(POINT_FORMATS["ply"], TWO) == header + struct.pack("<6f", *TWO.ravel())
+
+
+def test_npy_bytes() -> None:
+    buffer = io.BytesIO()
+    np.save(buffer, TWO)
+    assert file_of(POINT_FORMATS["npy"], TWO) == buffer.getvalue()
+
+
+def test_xyz_bytes() -> None:
+    assert file_of(POINT_FORMATS["xyz"], TWO) == b"0.5 -1 0\n0.1 2e-07 -123457\n"
+
+
+@pytest.mark.parametrize("chunk", [1, 2])
+def test_json_bytes(chunk: int) -> None:
+    expected = b'{"n":2,"points":[[0.5,-1,0],[0.100000001,2.00000002e-07,-123456.789]]}\n'
+    assert file_of(POINT_FORMATS["json"], TWO, chunk) == expected
+
+
+def test_glb_bytes() -> None:
+    data = file_of(POINT_FORMATS["glb"], TWO)
+    magic, version, length, json_length, kind = struct.unpack_from("<4sIII4s", data)
+    assert (magic, version, length, kind) == (b"glTF", 2, len(data), b"JSON")
+    document = json.loads(data[20 : 20 + json_length])
+    binary = data[20 + json_length :]
+    assert binary == struct.pack("<I4s", 24, b"BIN\0") + struct.pack("<6f", *TWO.ravel())
+    assert document["meshes"][0]["primitives"][0]["mode"] == 0  # POINTS
+    assert document["materials"][0]["extensions"] == {"KHR_materials_unlit": {}}
+    accessor = document["accessors"][0]
+    assert accessor["count"] == 2
+    np.testing.assert_array_equal(np.float32(accessor["min"]), TWO.min(axis=0))
+    np.testing.assert_array_equal(np.float32(accessor["max"]), TWO.max(axis=0))
+
+
+def test_gltf_bytes() -> None:
+    data = file_of(POINT_FORMATS["gltf"], TWO)
+    uri = json.loads(data)["buffers"][0]["uri"]
+    assert base64.b64decode(uri.removeprefix("data:application/octet-stream;base64,")) == struct.pack(
+        "<6f", *TWO.ravel()
+    )
+    glb = file_of(POINT_FORMATS["glb"], TWO)
+    document, inside = json.loads(data), json.loads(glb[20 : 20 + 1024])
+    del document["buffers"][0]["uri"]
+    assert document == inside
+
+
+def test_pcd_bytes() -> None:
+    header = (
+        b"# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
+        b"WIDTH 2\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 2\nDATA binary\n"
+    )
+    assert file_of(POINT_FORMATS["pcd"], TWO) == header + struct.pack("<6f", *TWO.ravel())
+
+
+def test_raw_bytes() -> None:
+    assert file_of(POINT_FORMATS["f32"], TWO) == struct.pack("<6f", *TWO.ravel())
+    assert file_of(POINT_FORMATS["f16"], TWO[:1]) == struct.pack("<3e", *TWO[0])
+    assert file_of(POINT_FORMATS["f16"], TWO)[-2:] == struct.pack("<e", -65504)  # saturates, never infinite
+
+
+# What every format does
+
+
+@pytest.mark.parametrize("fmt", FORMATS, ids=lambda fmt: fmt.name)
+@pytest.mark.parametrize("n", [1, 2, 2500])
+def test_other_programs_read_the_points(fmt: PointFormat, n: int) -> None:
+    points = canonical_points("ball", n)
+    back = read(fmt, file_of(fmt, points))
+    if fmt.name in ("xyz", "f16"):  # six digits; eleven bits
+        np.testing.assert_allclose(back, points, rtol=5e-6 if fmt.name == "xyz" else 2**-11, atol=1e-7)
+    else:
+        np.testing.assert_array_equal(back, points)
+
+
+@pytest.mark.parametrize("fmt", EVERY, ids=label)
+def test_chunking_leaves_the_bytes_alone(fmt: PointFormat) -> None:
+    points = canonical_points("ball", 1234)
+    assert file_of(fmt, points, 1) == file_of(fmt, points, 100) == file_of(fmt, points, 5000)
+
+
+@pytest.mark.parametrize("fmt", BINARY, ids=label)
+@pytest.mark.parametrize("n", [1, 9, 10, 9999, 10_000])
+def test_length_is_the_files(fmt: PointFormat, n: int) -> None:
+    assert fmt.length(n) == len(file_of(fmt, np.ones((n, 3), np.float32)))
+
+
+@pytest.mark.parametrize("fmt", TEXT, ids=label)
+def test_length_of_text_is_unknown(fmt: PointFormat) -> None:
+    assert fmt.length(1000) is None
+
+
+@pytest.mark.parametrize("fmt", EVERY, ids=label)
+def test_points_that_are_views_and_of_either_byte_order(fmt: PointFormat) -> None:
+    wide = np.arange(40, dtype=np.float32).reshape(10, 4)
+    view = wide[::2, :3]
+    expected = file_of(fmt, np.ascontiguousarray(view))
+    assert file_of(fmt, view) == expected
+    assert file_of(fmt, view.astype(">f4")) == expected
+
+
+@pytest.mark.parametrize("fmt", EVERY, ids=label)
+def test_pieces_are_one_a_chunk_and_never_empty(fmt: PointFormat) -> None:
+    pieces = list(write(fmt, Given(np.zeros((500, 3), np.float32), colors_of(500), chunk=100)))
+    assert all(pieces)
+    assert 5 * len(fmt.passes) <= len(pieces) <= 5 * len(fmt.passes) + 2
+
+
+@pytest.mark.parametrize("fmt", EVERY, ids=label)
+def test_only_formats_with_bounds_take_two_passes(fmt: PointFormat) -> None:
+    passes = []
+
+    class Counting(Given):
+        def parts(self) -> Iterator[Part]:
+            passes.append(1)
+            return super().parts()
+
+    list(write(fmt, Counting(TWO, colors_of(2))))
+    assert len(passes) == len(fmt.passes) + fmt.needs_bounds
+    assert len(fmt.passes) == (2 if fmt is colored("json") else 1)
+    assert fmt.needs_bounds == (fmt.name in ("glb", "gltf"))
+
+
+@pytest.mark.parametrize("fmt", EVERY, ids=label)
+def test_too_many_or_no_points_are_refused_at_once(fmt: PointFormat) -> None:
+    sizes = [0] if fmt.max_points is None else [0, fmt.max_points + 1]
+    for n in sizes:
+        with pytest.raises(InvalidParameter) as caught:
+            write(fmt, Given(np.broadcast_to(np.float32(0), (n, 3))))
+        assert caught.value.field == "n"
+
+
+def test_limits() -> None:
+    assert POINT_FORMATS["json"].max_points == 100_000
+    largest = POINT_FORMATS["glb"].max_points
+    assert largest is not None
+    length = POINT_FORMATS["glb"].length(largest)
+    assert length is not None
+    assert 2**32 - 12 <= length < 2**32  # the header holds it in 32 bits
+
+
+# glTF against the Khronos validator
+
+
+@pytest.mark.parametrize("n", [1, 2, 10_000])
+@pytest.mark.parametrize("name", ["glb", "gltf"])
+@pytest.mark.parametrize("in_color", [False, True])
+def test_gltf_is_valid(name: str, n: int, in_color: bool, tmp_path: Path) -> None:
+    points = canonical_points("ball", n, seed=5)
+    report = check_valid(file_of(colored(name) if in_color else POINT_FORMATS[name], points), tmp_path)
+    assert report["info"]["totalVertexCount"] == n
+    assert report["info"]["extensionsUsed"] == ["KHR_materials_unlit"]
+
+
+@pytest.mark.parametrize("value", [0.0, -0.0, 1.1754944e-38, -3.4028235e38, 1 / 3])
+def test_glb_is_valid_for_awkward_numbers(value: float, tmp_path: Path) -> None:
+    check_valid(file_of(POINT_FORMATS["glb"], np.full((3, 3), value, np.float32)), tmp_path)
+
+
+@pytest.mark.parametrize("fmt", [POINT_FORMATS["glb"], POINT_FORMATS["glb"].colored], ids=label)
+def test_glb_head_is_of_fixed_size(fmt: PointFormat) -> None:
+    assert fmt.max_points is not None
+    long = np.full(3, -1.17549435e-38, np.float32)
+    assert len(fmt.head(fmt.max_points, (long, long))) == len(fmt.head(1, bounds([TWO])))
+
+
+def test_glb_without_bounds() -> None:
+    with pytest.raises(ValueError, match="bounds"):
+        POINT_FORMATS["glb"].head(2, None)
+
+
+def test_the_validator_sees_wrong_bounds(tmp_path: Path) -> None:
+    fmt = POINT_FORMATS["glb"]
+    wrong = fmt.head(2, (np.zeros(3, np.float32), np.ones(3, np.float32))) + float32(TWO)
+    assert gltf_report(wrong, tmp_path)["issues"]["numErrors"] > 0
+
+
+# Accept
+
+
+@pytest.mark.parametrize(
+    ("accept", "name"),
+    [
+        (None, "ply"),
+        ("", "ply"),
+        ("*/*", "ply"),
+        ("text/html,application/xhtml+xml,application/xml;q=0.9,*/*;q=0.8", "ply"),
+        ("model/ply", "ply"),
+        ("application/x-npy", "npy"),
+        ("text/plain", "xyz"),
+        ("text/*", "xyz"),
+        ("application/json", "json"),
+        ("model/gltf-binary", "glb"),
+        ("Model/GLTF-Binary", "glb"),
+        ("model/*", "ply"),
+        ("application/*", "npy"),
+        ("application/json;q=0.5, model/gltf-binary;q=0.9", "glb"),
+        ("application/json ; q=0.9 , model/gltf-binary;q=0.5", "json"),
+        ("model/gltf-binary, */*;q=0.1", "glb"),
+        ("*/*, model/gltf-binary", "glb"),
+        ("model/gltf+json", "gltf"),
+        ("application/x-pcd", "pcd"),
+        ("application/octet-stream", "f32"),
+        ("application/json, text/plain, */*", "json"),
+        ("text/plain, application/json, */*", "xyz"),
+        ("model/*, model/ply;q=0", "glb"),
+        ("*/*;q=0.5, model/ply;q=0.1, application/x-npy;q=0.2", "xyz"),
+        ("application/json;charset=utf-8;q=1", "json"),
+        ("application/json;q=high, text/plain;q=0.1", "xyz"),
+        ("application/json;q=7, text/plain;q=0.1", "xyz"),
+        ("nonsense, application/json", "json"),
+    ],
+)
+def test_negotiate(accept: str | None, name: str) -> None:
+    assert negotiate(accept, FORMATS).name == name
+
+
+@pytest.mark.parametrize(
+    "accept", ["image/png", "image/*", "*/*;q=0", "model/ply;q=0", "nonsense", "application/json;q=0, text/html", "*"]
+)
+def test_not_acceptable(accept: str) -> None:
+    with pytest.raises(NotAcceptable, match="model/gltf-binary"):
+        negotiate(accept, FORMATS)

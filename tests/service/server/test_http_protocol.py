@@ -1,0 +1,168 @@
+"""Request heads, byte for byte over a raw socket: how large they may be, and how long they may take."""
+
+import contextlib
+import json
+import socket
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+
+from service.api.middleware.security_headers import SECURE
+from service.server.http_protocol import MAX_HEAD_BYTES, PUNCTUATION
+from service.settings import Settings
+from tests.support.raw_sockets import connect, next_status, rest
+from tests.support.server import Server, hof_serve, running
+from tests.support.slow import DEADLINE_S, runtime_of, until
+
+LINE = b"GET /health/live HTTP/1.1\r\nHost: x\r\n"
+FILLER = b"a: " + bytes(1_019).replace(b"\0", b"b") + b"\r\n"  # 1 KiB
+
+
+@pytest.fixture
+def hasty(settings: Settings) -> Iterator[Server]:
+    """A server that waits for its clients half a second."""
+    with running(settings.model_copy(update={"client_timeout_s": 0.5})) as server:
+        yield server
+
+
+def check_problem(answer: bytes, status: int, title: str) -> None:
+    """A whole answer with a problem, which ends the connection."""
+    head, _, body = answer.partition(b"\r\n\r\n")
+    first, *fields = head.decode().split("\r\n")
+    headers = dict(field.split(": ") for field in fields)
+    assert int(first.split()[1]) == status
+    assert headers.items() >= {name.lower(): value for name, value in SECURE.items()}.items()
+    assert (headers["content-type"], headers["connection"]) == ("application/problem+json", "close")
+    assert int(headers["content-length"]) == len(body)
+    problem = json.loads(body)
+    assert (problem["status"], problem["title"]) == (status, title)
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        LINE + 65 * FILLER + b"\r\n",
+        b"GET /health/live?" + bytes(MAX_HEAD_BYTES).replace(b"\0", b"n") + b" HTTP/1.1\r\n\r\n",
+        LINE + b"a:\r\n" * (MAX_HEAD_BYTES // 5 + 1),
+    ],
+    ids=["fields", "target", "empty fields"],
+)
+def test_a_head_over_the_limit_is_told_so(server: Server, head: bytes) -> None:
+    with connect(server) as connection:
+        connection.sendall(head)
+        check_problem(rest(connection), 431, "Head too large")
+
+
+@pytest.mark.parametrize("begin", [LINE + b"a: ", LINE, LINE.partition(b" HTTP")[0] + b"?", b""])
+def test_a_head_without_an_end_is_cut_off(server: Server, begin: bytes) -> None:
+    sent = 0
+    with connect(server) as connection, contextlib.suppress(ConnectionError):  # the server hangs up
+        connection.sendall(begin)
+        while sent < 1_000 * MAX_HEAD_BYTES:
+            sent += connection.send(bytes(10_000).replace(b"\0", b"a"))
+    assert sent < 100 * MAX_HEAD_BYTES  # what the sockets' buffers hold, and the limit
+
+
+def test_a_head_of_the_limit_is_answered(client: httpx.Client) -> None:
+    fields = client.build_request("GET", "/health/live", headers={"a": ""}).headers.raw
+    others = len("/health/live") + sum(len(name) + len(value) + PUNCTUATION for name, value in fields)
+    for excess, status in ((0, 200), (1, 431)):
+        headers = {"a": "b" * (MAX_HEAD_BYTES - others + excess)}
+        assert client.get("/health/live", headers=headers).status_code == status
+
+
+def test_each_request_of_a_connection_has_the_whole_limit(server: Server) -> None:
+    with connect(server) as connection:
+        for _ in range(3):
+            connection.sendall(LINE + 60 * FILLER + b"\r\n")
+            assert next_status(connection) == 200
+
+
+def test_trailers_count_as_the_head_does(server: Server) -> None:
+    with connect(server) as connection:
+        connection.sendall(b"POST /encode HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n" + 65 * FILLER)
+        check_problem(rest(connection), 431, "Head too large")
+
+
+@pytest.mark.parametrize("said", [b"", LINE, LINE + b"a: b", b"\r\n\r\n"])
+def test_a_head_that_does_not_end_in_time_ends_the_connection(hasty: Server, said: bytes) -> None:
+    with connect(hasty) as connection:
+        connection.sendall(said)
+        answer = rest(connection)
+    if said.strip():
+        check_problem(answer, 408, "Stalled")
+    else:
+        assert answer == b""
+
+
+def test_a_head_that_drips_does_not_gain_time(hasty: Server) -> None:
+    deadline = time.monotonic() + DEADLINE_S
+    with connect(hasty) as connection:
+        connection.sendall(LINE)
+        with contextlib.suppress(ConnectionError):  # the server hangs up
+            while time.monotonic() < deadline:
+                connection.sendall(b"a: b\r\n")
+                time.sleep(0.05)
+    assert time.monotonic() < deadline
+
+
+@pytest.mark.parametrize("said", [b"\r\n", b"G", LINE])
+def test_a_connection_that_was_answered_is_not_kept_by_a_few_bytes(hasty: Server, said: bytes) -> None:
+    hasty.config.timeout_keep_alive = 1
+    with connect(hasty) as connection:
+        connection.sendall(LINE + b"\r\n")
+        assert next_status(connection) == 200
+        connection.sendall(said)
+        answer = rest(connection)
+    assert answer.startswith(b"HTTP/1.1 408 ") or not said.strip()
+
+
+@pytest.mark.parametrize(
+    "said", [b"\0\1\2\3\r\n\r\n", b"GET\r\n\r\n", b"GET / HTTP/1.1\r\na b\r\n\r\n", b"\x16\x03\x01"]
+)
+def test_what_is_no_http_is_a_problem(server: Server, said: bytes) -> None:
+    with connect(server) as connection:
+        connection.sendall(said)
+        check_problem(rest(connection), 400, "Invalid input")
+
+
+def test_what_follows_a_request_does_not_break_into_its_answer(server: Server, client: httpx.Client) -> None:
+    expected = client.get("/openapi.json").content
+    with connect(server) as connection:
+        connection.sendall(b"GET /openapi.json HTTP/1.1\r\nHost: x\r\n\r\n\0")
+        answer = rest(connection)
+    assert answer == b"" or answer.endswith(expected)
+
+
+def test_requests_that_do_not_wait_for_the_answer_are_dropped_with_the_connection(server: Server) -> None:
+    with connect(server) as connection:
+        connection.sendall(1_000 * (LINE + b"\r\n"))
+        answer = rest(connection)
+    assert answer.startswith(b"HTTP/1.1 200 ")
+    assert answer.count(b"HTTP/1.1 ") == 1
+
+
+def test_a_client_that_asks_twice_and_leaves_is_noticed(server: Server, photo: bytes) -> None:
+    gate = runtime_of(server).gates.points
+    object_id = httpx.post(f"http://127.0.0.1:{server.port}/encode", content=photo, timeout=DEADLINE_S).json()["id"]
+    with connect(server) as connection:
+        first = f"GET /objects/{object_id}/points?n=10000000 HTTP/1.1\r\nHost: x\r\n\r\n".encode()
+        connection.sendall(first + LINE + b"\r\n")
+        until(lambda: gate.held > 0)
+    until(lambda: gate.cancelled == 1)
+    assert (gate.held, gate.finished) == (0, 0)
+
+
+def test_hof_serve_bounds_heads_too(model_path: Path, tmp_path: Path) -> None:
+    with hof_serve(tmp_path, model_path, "--client-timeout-s", "0.5") as (url, _):
+        assert httpx.get(f"{url}/health/live", headers={"a": "b" * MAX_HEAD_BYTES}).status_code == 431
+        with socket.create_connection(
+            (httpx.URL(url).host, httpx.URL(url).port or 0), timeout=DEADLINE_S
+        ) as connection:
+            connection.sendall(LINE)
+            check_problem(rest(connection), 408, "Stalled")
+    told = [json.loads(line) for line in (tmp_path / "log").read_text().splitlines() if "no request" in line]
+    assert [(line["status"], line["client"]) for line in told] == [(431, "127.0.0.1"), (408, "127.0.0.1")]

@@ -1,0 +1,73 @@
+"""In every process that serves, threads allocate from one arena, and no collection looks at what the start made."""
+
+import time
+from pathlib import Path
+
+import httpx
+import pytest
+
+from tests.support.server import ROOT, hof_serve
+
+ARENA = 64 * 2**20  # bytes of addresses that glibc reserves for one, aligned to them: some in use, the rest barred
+
+
+def arenas(pid: int) -> int:
+    """How many arenas a process has beside the first."""
+    used: set[tuple[int, int]] = set()
+    barred: set[tuple[int, int]] = set()
+    for line in Path(f"/proc/{pid}/maps").read_text().splitlines():
+        region, rights, *_ = line.split()
+        start, end = (int(address, 16) for address in region.split("-"))
+        {"rw-p": used, "---p": barred}.get(rights, set()).add((start, end))
+    return sum(start % ARENA == 0 and (end, start + ARENA) in barred for start, end in used)
+
+
+def processes(pid: int) -> list[int]:
+    """A process and its children."""
+    children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    return [pid, *map(int, children)]
+
+
+def use(url: str, photo: bytes) -> None:
+    with httpx.Client(base_url=url) as client:
+        for _ in range(4):
+            path = client.post("/encode", content=photo).raise_for_status().json()["links"]["self"]
+            client.get(f"{path}/points?n=100000").raise_for_status()
+
+
+@pytest.mark.parametrize("flags", [(), ("--workers", "2")])
+def test_threads_share_one_arena(flags: tuple[str, ...], model_path: Path, photo: bytes, tmp_path: Path) -> None:
+    with hof_serve(tmp_path, model_path, *flags) as (url, process):
+        use(url, photo)
+        assert [arenas(pid) for pid in processes(process.pid)] == [0] * len(processes(process.pid))
+
+
+def test_who_sets_the_number_of_arenas_is_left_alone(model_path: Path, photo: bytes, tmp_path: Path) -> None:
+    with hof_serve(tmp_path, model_path, MALLOC_ARENA_MAX="8") as (url, process):
+        use(url, photo)
+        assert arenas(process.pid) > 0
+
+
+AFTER_FULL_COLLECTIONS = """
+import gc, os
+def note(phase, info):
+    if phase == "stop" and info["generation"] == 2:
+        with open(f"{folder}/{{os.getpid()}}.frozen", "w") as file:
+            file.write(str(gc.get_freeze_count()))
+gc.callbacks.append(note)
+"""
+
+
+@pytest.mark.parametrize(("flags", "serving"), [((), 1), (("--workers", "2"), 2)])
+def test_full_collections_leave_out_what_the_start_made(
+    flags: tuple[str, ...], serving: int, model_path: Path, photo: bytes, tmp_path: Path
+) -> None:
+    (tmp_path / "sitecustomize.py").write_text(AFTER_FULL_COLLECTIONS.format(folder=tmp_path))
+    end, kept = time.monotonic() + 60, 0
+    with hof_serve(tmp_path, model_path, *flags, PYTHONPATH=f"{tmp_path}:{ROOT}") as (url, _):
+        use(url, photo)
+        while kept < serving and time.monotonic() < end:
+            counts = [int(path.read_text() or 0) for path in tmp_path.glob("*.frozen")]
+            kept = sum(count > 100_000 for count in counts)
+            time.sleep(0.05)
+    assert kept == serving

@@ -1,0 +1,177 @@
+"""The database: how it is opened, through what, and which file is refused at start."""
+
+import asyncio
+import sqlite3
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from contextlib import closing
+from functools import partial
+from pathlib import Path
+
+import pytest
+from sqlalchemy import Connection
+
+from service.mapping.spec import HOF_1, Functions, initial_theta
+from service.storage.database import SQLITE_CONNECTIONS, connect
+from service.storage.store import Record
+from tests.support.postgres import Postgres
+from tests.support.small.store import NOW, open_store
+
+
+async def _put(url: str, count: int) -> list[bool]:
+    """Put objects at once and read them at once; which of them are new."""
+    records = [Record(f"object{number % 7}", "encoded", "m", HOF_1, NOW) for number in range(count)]
+    functions = Functions(initial_theta(HOF_1))
+    async with open_store(url) as store:
+        new = [new for _, new in await asyncio.gather(*[store.put(record, functions) for record in records])]
+        await asyncio.gather(*[store.get(record.id) for record in records])
+    return new
+
+
+def _told(query: str, connection: Connection) -> object:
+    return connection.exec_driver_sql(query).scalar()
+
+
+def test_sqlite_syncs_its_log_before_a_commit_returns_and_holds_foreign_keys(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        database = await connect(f"sqlite:///{tmp_path / 'new' / 'folder' / 'hof.db'}")
+        pragmas = [("journal_mode", "wal"), ("synchronous", 2), ("busy_timeout", 10_000), ("foreign_keys", 1)]
+        for pragma, expected in pragmas:
+            assert await database.run(partial(_told, f"PRAGMA {pragma}")) == expected
+        await database.close()
+
+    asyncio.run(scenario())
+
+
+def test_who_opens_a_new_file_waits_for_another_that_writes_it(tmp_path: Path) -> None:
+    """SQLite refuses to turn such a file to WAL at once, whatever its busy_timeout."""
+    path = tmp_path / "hof.db"
+    with closing(sqlite3.connect(path, isolation_level=None, check_same_thread=False)) as other:
+        other.execute("BEGIN IMMEDIATE")
+        other.execute("CREATE TABLE others (number)")
+        with closing(sqlite3.connect(path)) as second, pytest.raises(sqlite3.OperationalError, match="locked"):
+            second.execute("PRAGMA journal_mode = WAL")
+        done = threading.Timer(0.3, other.execute, ["COMMIT"])
+        done.start()
+        database = asyncio.run(connect(f"sqlite:///{path}"))
+        done.join()
+        asyncio.run(database.close())
+    with closing(sqlite3.connect(path)) as after:
+        assert after.execute("PRAGMA journal_mode").fetchone() == ("wal",)
+        assert after.execute("SELECT count(*) FROM others").fetchone() == (0,)
+
+
+def test_a_transaction_that_has_begun_ends_though_nobody_waits(tmp_path: Path) -> None:
+    begun, go_on = threading.Event(), threading.Event()
+
+    def slow(number: int, connection: Connection) -> None:
+        begun.set()
+        assert go_on.wait(60)
+        connection.exec_driver_sql(f"CREATE TABLE made{number} (it)")
+
+    async def scenario() -> None:
+        database = await connect(f"sqlite:///{tmp_path / 'hof.db'}")
+        for number in range(SQLITE_CONNECTIONS + 1):  # each gives its connection back
+            begun.clear()
+            go_on.clear()
+            call = asyncio.create_task(database.run(partial(slow, number)))
+            assert await asyncio.to_thread(begun.wait, 60)
+            call.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await call
+            go_on.set()
+        await database.close()
+
+    asyncio.run(scenario())
+    with closing(sqlite3.connect(tmp_path / "hof.db")) as connection:
+        tables = "SELECT count(*) FROM sqlite_master WHERE name LIKE 'made%'"
+        assert connection.execute(tables).fetchone() == (SQLITE_CONNECTIONS + 1,)
+
+
+def test_what_raises_leaves_nothing(tmp_path: Path) -> None:
+    def halfway(connection: Connection) -> None:
+        connection.exec_driver_sql("DELETE FROM alembic_version")
+        raise RuntimeError("halfway")
+
+    async def scenario() -> None:
+        database = await connect(f"sqlite:///{tmp_path / 'hof.db'}")
+        with pytest.raises(RuntimeError, match="halfway"):
+            await database.run(halfway)
+        assert await database.run(partial(_told, "SELECT count(*) FROM alembic_version")) == 1
+        await database.close()
+
+    asyncio.run(scenario())
+
+
+def test_postgresql_works_through_pgbouncer_which_pools_transactions(postgres: Postgres) -> None:
+    with postgres.bouncer(postgres.create()) as url:
+        assert sum(asyncio.run(_put(url, 40))) == 7
+
+
+def _cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+def _overwrite(path: Path, start: int, data: bytes) -> None:
+    with path.open("r+b") as file:
+        file.seek(start)
+        file.write(data)
+
+
+def _make_folder(path: Path) -> None:
+    path.unlink()
+    path.mkdir()
+
+
+BACKUP = "restore a backup"
+
+
+@pytest.mark.parametrize(
+    ("spoil", "query", "told", "remedy"),
+    [
+        (lambda path: path.write_text("no database" * 1000), "", "file is not a database", BACKUP),
+        (lambda path: _overwrite(path, 0, bytes(200)), "", "file is not a database", BACKUP),
+        (_cut, "", "malformed", BACKUP),
+        (lambda path: _overwrite(path, 8192, b"\xff" * 4096), "", "", BACKUP),
+        (lambda path: _overwrite(path, path.stat().st_size // 4096 // 2 * 4096, b"\xff" * 4096), "", "", BACKUP),
+        (_make_folder, "", "unable to open database file", "name a file in a folder that hof can write"),
+        (lambda path: None, "?mode=ro&uri=true", "readonly database", "hof must be able to write the file"),
+    ],
+    ids=["text", "header", "cut", "third page", "middle page", "folder", "read-only"],
+)
+def test_a_spoilt_file_is_refused_at_start_in_a_sentence_that_says_what_to_do(
+    spoil: Callable[[Path], None],
+    query: str,
+    told: str,
+    remedy: str,
+    tmp_path: Path,
+    model_path: Path,
+) -> None:
+    path = tmp_path / "hof.db"
+    asyncio.run(_put(f"sqlite:///{path}", 7))
+    spoil(path)
+    url = f"sqlite:///{'file:' if query else ''}{path}{query}"
+    command = [str(Path(sys.executable).with_name("hof")), "serve", "--port", "0"]
+    run = subprocess.run(
+        [*command, "--model", str(model_path), "--database-url", url],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        cwd=tmp_path,
+    )
+    assert run.returncode == 2, run.stderr
+    assert run.stderr.startswith("hof: cannot open the database sqlite:///")
+    assert run.stderr.count("\n") == 1
+    assert told in run.stderr
+    assert remedy in run.stderr
+    assert {each.name[:6] for each in tmp_path.iterdir()} == {"hof.db"}  # and nothing was made beside it
+
+
+def test_a_sound_file_is_not_refused(tmp_path: Path) -> None:
+    asyncio.run(_put(f"sqlite:///{tmp_path / 'hof.db'}", 7))
+    assert asyncio.run(_put(f"sqlite:///{tmp_path / 'hof.db'}", 7)) == [False] * 7
+    connection = sqlite3.connect(tmp_path / "hof.db")
+    assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+    connection.close()

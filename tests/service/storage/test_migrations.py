@@ -1,0 +1,127 @@
+"""The schema's revisions: from the first release's, from nothing, at once, and what is refused."""
+
+import asyncio
+import sqlite3
+from pathlib import Path
+
+import numpy as np
+import pytest
+from alembic.autogenerate import compare_metadata
+from alembic.runtime.migration import MigrationContext
+from sqlalchemy import Connection, make_url
+
+from service.errors import UnusableStore
+from service.mapping.spec import MappingSpec, initial_theta
+from service.storage.database import METADATA, connect
+from tests.support.postgres import EVERY_DATABASE, Postgres
+from tests.support.small.store import open_store
+
+pytestmark = EVERY_DATABASE
+
+DATA = Path(__file__).parent / "schemas"
+HEAD = "0002"
+SPEC = MappingSpec("tiny", 3, (2,), 3, k=2)
+
+
+def _run(sql: str, url: str, request: pytest.FixtureRequest) -> str:
+    """Run SQL with another program than the service, and return what it gives, as text."""
+    parsed = make_url(url)
+    assert parsed.database
+    if parsed.drivername == "postgresql":
+        postgres: Postgres = request.getfixturevalue("postgres")
+        return postgres.run(sql, parsed.database)
+    Path(parsed.database).parent.mkdir(exist_ok=True)
+    connection = sqlite3.connect(parsed.database)
+    try:
+        if sql.startswith("SELECT"):
+            return "\n".join(str(value) for (value,) in connection.execute(sql))
+        connection.executescript(sql)
+        connection.commit()
+    finally:
+        connection.close()
+    return ""
+
+
+def _revision(url: str, request: pytest.FixtureRequest) -> str:
+    return _run("SELECT version_num FROM alembic_version", url, request)
+
+
+def _differences(connection: Connection) -> list[object]:
+    return list(compare_metadata(MigrationContext.configure(connection, opts={"compare_type": True}), METADATA))
+
+
+async def _opened(url: str) -> list[object]:
+    """Open and close a database; what its tables differ in from those that the code declares."""
+    database = await connect(url)
+    differences = await database.run(_differences)
+    await database.close()
+    return differences
+
+
+def _first_release(url: str, request: pytest.FixtureRequest) -> None:
+    _run((DATA / f"first-schema.{make_url(url).drivername}.sql").read_text("utf-8"), url, request)
+
+
+def test_an_empty_database_gets_the_tables_that_the_code_declares(
+    database_url: str, request: pytest.FixtureRequest
+) -> None:
+    assert asyncio.run(_opened(database_url)) == []
+    assert _revision(database_url, request) == HEAD
+    assert asyncio.run(_opened(database_url)) == []
+
+
+def test_a_database_of_the_first_release_is_migrated_and_its_objects_answer(
+    database_url: str, request: pytest.FixtureRequest
+) -> None:
+    _first_release(database_url, request)
+    assert asyncio.run(_opened(database_url)) == []
+    assert _revision(database_url, request) == HEAD
+
+    async def scenario() -> None:
+        async with open_store(database_url) as store:
+            records, _ = await store.page(9)
+            assert [record.kind for record in records] == ["interpolated", "composed", "imported", "imported"]
+            word = [initial_theta(SPEC, seed) for seed in (1, 2)]
+            np.testing.assert_array_equal((await store.get(records[1].id))[1].theta, word)
+            np.testing.assert_allclose((await store.get(records[0].id))[1].theta, np.mean(word, axis=0), rtol=1e-6)
+            assert records[1].members == (records[3].id, records[2].id)
+
+    asyncio.run(scenario())
+
+
+def test_of_several_that_start_at_once_one_migrates(database_url: str, request: pytest.FixtureRequest) -> None:
+    _first_release(database_url, request)
+
+    async def scenario() -> None:
+        assert await asyncio.gather(*[_opened(database_url) for _ in range(5)]) == [[]] * 5
+
+    asyncio.run(scenario())
+    assert _revision(database_url, request) == HEAD
+
+
+def test_a_newer_database_is_refused_with_what_to_do(database_url: str, request: pytest.FixtureRequest) -> None:
+    asyncio.run(_opened(database_url))
+    _run("UPDATE alembic_version SET version_num = '9999'", database_url, request)
+    with pytest.raises(UnusableStore, match=rf"revision 9999, newer than {HEAD}, .*; start the version that made it"):
+        asyncio.run(connect(database_url))
+    assert _revision(database_url, request) == "9999"
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        "objects (seq INTEGER PRIMARY KEY, id TEXT, kind TEXT, created_at TEXT, model TEXT, spec TEXT, theta TEXT)",
+        "uses (composed_id TEXT, member_id TEXT, since TEXT)",
+        "uses (composed_id TEXT, member_id TEXT)",
+    ],
+)
+def test_tables_of_something_else_are_refused_and_left_alone(
+    database_url: str, request: pytest.FixtureRequest, table: str
+) -> None:
+    _run(f"CREATE TABLE {table}", database_url, request)
+    with pytest.raises(UnusableStore, match=r"its table '\w+' is none of hof's .* name another database"):
+        asyncio.run(connect(database_url))
+    catalogue = "sqlite_master WHERE type = 'table'"
+    if database_url.startswith("postgresql"):
+        catalogue = "pg_tables WHERE schemaname = 'public'"
+    assert _run(f"SELECT count(*) FROM {catalogue}", database_url, request) == "1"

@@ -1,0 +1,139 @@
+"""The store, on SQLite and on PostgreSQL."""
+
+import asyncio
+import subprocess
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from service.errors import InvalidParameter, NotFound
+from service.mapping.spec import HOF_1, Functions, initial_theta
+from service.storage.store import Record
+from tests.support.postgres import EVERY_DATABASE
+from tests.support.small.store import SPEC, THETA, encoded_record, open_store
+
+pytestmark = EVERY_DATABASE
+
+ROOT = Path(__file__).parents[3]
+LIST = """
+import asyncio, sys
+from service.storage.store import Store
+
+async def main():
+    store = await Store.open(sys.argv[1])
+    for record in (await store.page(9))[0]:
+        print(record.id, (await store.get(record.id))[1].theta.nbytes)
+    await store.close()
+
+asyncio.run(main())
+"""
+
+
+def test_an_object_comes_back_bit_for_bit_from_a_store_opened_again(database_url: str) -> None:
+    spec = HOF_1.with_k(2)
+    theta = initial_theta(spec, 7)
+
+    async def scenario() -> tuple[Record, Functions]:
+        async with open_store(database_url) as store:
+            assert await store.put(encoded_record("a", spec), Functions(theta)) == (encoded_record("a", spec), True)
+        async with open_store(database_url) as store:
+            return await store.get("a")
+
+    record, found = asyncio.run(scenario())
+    assert record == encoded_record("a", spec)
+    assert record.created_at.tzinfo == UTC
+    assert found.theta.dtype == np.float32
+    np.testing.assert_array_equal(found.theta, theta)
+    assert found.color is None
+
+
+def test_a_second_put_keeps_and_returns_the_first(database_url: str) -> None:
+    async def scenario() -> None:
+        async with open_store(database_url) as store:
+            await store.put(encoded_record("a"), Functions(THETA))
+            later = Record("a", "imported", "other", SPEC, datetime(2027, 1, 1, tzinfo=UTC))
+            assert await store.put(later, Functions(THETA + 1)) == (encoded_record("a"), False)
+            _, found = await store.get("a")
+            np.testing.assert_array_equal(found.theta, THETA)
+
+    asyncio.run(scenario())
+
+
+def test_of_concurrent_puts_from_two_processes_worth_of_stores_one_is_new(database_url: str) -> None:
+    async def scenario() -> list[bool]:
+        async with open_store(database_url) as one, open_store(database_url) as two:
+            puts = [store.put(encoded_record("a"), Functions(THETA)) for store in (one, two) for _ in range(10)]
+            return [new for _, new in await asyncio.gather(*puts)]
+
+    assert sorted(asyncio.run(scenario())) == [False] * 19 + [True]
+
+
+def test_another_process_reads_what_is_acknowledged_while_the_store_is_open(database_url: str) -> None:
+    async def scenario() -> list[str]:
+        async with open_store(database_url) as store:
+            await store.put(encoded_record("a"), Functions(THETA))
+            return await asyncio.to_thread(_elsewhere)
+
+    def _elsewhere() -> list[str]:
+        run = subprocess.run(
+            [sys.executable, "-c", LIST, database_url], cwd=ROOT, check=True, capture_output=True, text=True
+        )
+        return run.stdout.split()
+
+    assert asyncio.run(scenario()) == ["a", str(THETA.nbytes)]
+
+
+def test_unknown_ids_are_not_found(database_url: str) -> None:
+    async def scenario() -> None:
+        async with open_store(database_url) as store:
+            assert await store.find("a") is None
+            with pytest.raises(NotFound):
+                await store.get("a")
+            with pytest.raises(NotFound):
+                await store.delete("a")
+
+    asyncio.run(scenario())
+
+
+def test_pages_are_newest_first_and_stable_under_inserts_and_deletes(database_url: str) -> None:
+    async def scenario() -> None:
+        async with open_store(database_url) as store:
+            for name in "abcdefg":
+                await store.put(encoded_record(name), Functions(THETA))
+            page, cursor = await store.page(3)
+            assert [record.id for record in page] == ["g", "f", "e"]
+            await store.put(encoded_record("h"), Functions(THETA))
+            await store.delete("e")  # the last one seen
+            await store.delete("g")
+            page, cursor = await store.page(3, cursor)
+            assert [record.id for record in page] == ["d", "c", "b"]
+            page, cursor = await store.page(3, cursor)
+            assert ([record.id for record in page], cursor) == (["a"], None)
+            page, cursor = await store.page(6)
+            assert ([record.id for record in page], cursor) == (["h", "f", "d", "c", "b", "a"], None)
+
+    asyncio.run(scenario())
+
+
+def test_an_empty_store_has_an_empty_page(database_url: str) -> None:
+    async def scenario() -> tuple[list[Record], str | None]:
+        async with open_store(database_url) as store:
+            return await store.page(5)
+
+    assert asyncio.run(scenario()) == ([], None)
+
+
+@pytest.mark.parametrize(
+    "cursor", ["", "x", "MQ==", "LTE", "MA", "ICAx", "é", "\x00", "OTk5OTk5OTk5OTk5OTk5OTk5OTk5OQ", "2" * 60]
+)
+def test_a_cursor_that_no_page_gave_is_refused(database_url: str, cursor: str) -> None:
+    async def scenario() -> None:
+        async with open_store(database_url) as store:
+            await store.page(1, cursor)
+
+    with pytest.raises(InvalidParameter) as caught:
+        asyncio.run(scenario())
+    assert caught.value.field == "cursor"

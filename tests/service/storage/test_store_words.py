@@ -1,0 +1,167 @@
+"""Composed objects in the store, on SQLite and on PostgreSQL: words, and the objects that they name."""
+
+import asyncio
+from collections.abc import Awaitable
+from dataclasses import replace
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+
+from service.errors import InUse, NotFound
+from service.mapping.spec import Color, Functions, MappingSpec, initial_theta
+from service.storage.store import Record
+from tests.support.postgres import EVERY_DATABASE
+from tests.support.small.store import NOW, SPEC, THETA, encoded_record, open_store
+
+pytestmark = EVERY_DATABASE
+
+
+def _composed(name: str, *word: str) -> Record:
+    return Record(name, "composed", "tiny-k2", SPEC, NOW, word)
+
+
+def test_a_composed_object_has_the_thetas_of_its_word(database_url: str) -> None:
+    async def scenario() -> tuple[Record, Functions]:
+        async with open_store(database_url) as store:
+            for index, name in enumerate("ab"):
+                await store.put(encoded_record(name), Functions(THETA + index))
+            assert await store.put(_composed("bab", "b", "a", "b"), None) == (_composed("bab", "b", "a", "b"), True)
+            assert await store.put(_composed("bab", "b", "a", "b"), None) == (_composed("bab", "b", "a", "b"), False)
+        async with open_store(database_url) as store:
+            return await store.get("bab")
+
+    record, functions = asyncio.run(scenario())
+    assert record == _composed("bab", "b", "a", "b")
+    assert functions.theta.dtype == np.float32
+    np.testing.assert_array_equal(functions.theta, [THETA + 1, THETA, THETA + 1])
+
+
+def test_a_colour_comes_back_bit_for_bit_and_a_word_has_those_of_its_functions(database_url: str) -> None:
+    spec = MappingSpec("colour", 3, (5,), 3)
+    weights = initial_theta(spec, 3)
+    red = Record("red", "encoded", "tiny-k2", SPEC, NOW, color_spec=spec)
+    word = Record("word", "composed", "tiny-k2", SPEC, NOW, ("red", "plain", "red"), spec)
+
+    async def scenario() -> tuple[tuple[Record, Functions], tuple[Record, Functions]]:
+        async with open_store(database_url) as store:
+            await store.put(red, Functions(THETA, Color(spec, weights)))
+            await store.put(encoded_record("plain"), Functions(THETA))
+            await store.put(word, None)
+        async with open_store(database_url) as store:
+            assert (await store.page(1))[0] == [word]
+            return await store.get("red"), await store.get("word")
+
+    (found_red, one), (found_word, two) = asyncio.run(scenario())
+    assert (found_red, found_word) == (red, word)
+    assert one.color
+    assert two.color
+    assert one.color.spec == two.color.spec == spec
+    assert one.color.weights.dtype == np.float32
+    np.testing.assert_array_equal(one.color.weights, weights)
+    np.testing.assert_array_equal(two.color.weights, [weights, weights])
+
+
+def test_a_word_of_a_missing_object_is_refused_and_not_kept(database_url: str) -> None:
+    async def scenario() -> None:
+        async with open_store(database_url) as store:
+            await store.put(encoded_record("a"), Functions(THETA))
+            with pytest.raises(NotFound, match="no object gone any more"):
+                await store.put(_composed("ab", "a", "gone"), None)
+            assert await store.records(["a", "ab", "gone"]) == {"a": encoded_record("a")}
+            await store.delete("a")
+
+    asyncio.run(scenario())
+
+
+def test_an_object_that_words_use_stays(database_url: str) -> None:
+    async def scenario() -> None:
+        async with open_store(database_url) as store:
+            await store.put(encoded_record("a"), Functions(THETA))
+            names = [f"word{index}" for index in range(12)]
+            for name in names:
+                await store.put(_composed(name, "a", "a"), None)
+            with pytest.raises(InUse, match=r"made of it: word0, .*, word9 and 2 more; delete") as caught:
+                await store.delete("a")
+            assert "word10" not in caught.value.detail
+            for name in names:
+                await store.delete(name)
+            await store.delete("a")
+            assert await store.page(5) == ([], None)
+
+    asyncio.run(scenario())
+
+
+def test_an_interpolated_object_keeps_parents_that_are_gone(database_url: str) -> None:
+    mean = Record("mean", "interpolated", "tiny-k2", SPEC, NOW, ("a", "gone"))
+
+    async def scenario() -> tuple[Record, Functions]:
+        async with open_store(database_url) as store:
+            await store.put(encoded_record("a"), Functions(THETA))
+            await store.put(mean, Functions(THETA))
+            await store.delete("a")
+            return await store.get("mean")
+
+    record, functions = asyncio.run(scenario())
+    assert record == mean
+    np.testing.assert_array_equal(functions.theta, THETA)
+
+
+def test_of_composing_and_deleting_at_once_one_wins(database_url: str) -> None:
+    async def attempt(action: Awaitable[object]) -> bool:
+        try:
+            await action
+        except (NotFound, InUse):
+            return False
+        return True
+
+    async def scenario() -> None:
+        async with open_store(database_url) as one, open_store(database_url) as two:
+            for index in range(30):
+                name, word = f"a{index}", f"word{index}"
+                await one.put(encoded_record(name), Functions(THETA))
+                actions = [one.put(_composed(word, name, name), None), two.delete(name)]
+                if index % 2:
+                    actions.reverse()
+                results = await asyncio.gather(*map(attempt, actions))
+                assert sorted(results) == [False, True]
+                found = await one.records([name, word])
+                assert found.keys() in ({name, word}, set())
+
+    asyncio.run(scenario())
+
+
+# Several at once
+
+
+def test_of_several_objects_all_are_kept_or_none(database_url: str) -> None:
+    async def scenario() -> None:
+        async with open_store(database_url) as store:
+            await store.put(encoded_record("a"), Functions(THETA))
+            with pytest.raises(NotFound, match="no object gone any more"):
+                await store.put_all([(_composed("aa", "a", "a"), None), (_composed("ag", "a", "gone"), None)])
+            assert [record.id for record in (await store.page(5))[0]] == ["a"]
+            await store.put(_composed("aa", "a", "a"), None)
+            both = [encoded_record("b"), _composed("aa", "a", "a"), encoded_record("c")]
+            later = [replace(record, created_at=datetime(2027, 1, 1, tzinfo=UTC)) for record in both]
+            proposed = [(record, None if record.members else Functions(THETA)) for record in later]
+            kept, any_new = await store.put_all(proposed)
+            assert (kept, any_new) == ([later[0], both[1], later[2]], True)
+            assert await store.put_all([(record, None) for record in both]) == (kept, False)
+
+    asyncio.run(scenario())
+
+
+def test_the_same_words_in_opposite_orders_do_not_lock_each_other_out(database_url: str) -> None:
+    async def scenario() -> list[bool]:
+        async with open_store(database_url) as one, open_store(database_url) as two:
+            for name in "ab":
+                await one.put(encoded_record(name), Functions(THETA))
+            new = []
+            for index in range(10):
+                words = [(_composed(f"{index}{x}{y}", x, y), None) for x in "ab" for y in "ab"]
+                calls = [store.put_all(order) for store in (one, two) for order in (words, words[::-1])]
+                new.append(sum(any_new for _, any_new in await asyncio.gather(*calls)) == 1)
+            return new
+
+    assert asyncio.run(scenario()) == [True] * 10

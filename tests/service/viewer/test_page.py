@@ -1,0 +1,250 @@
+"""The page in Chromium: what a visitor does with it. Pictures of it are written to out/viewer."""
+
+import io
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+import trimesh
+from playwright.sync_api import Browser, Page, expect
+
+from service.api.routes import viewer
+from service.mapping.spec import MappingSpec
+from service.settings import SHIPPED_MODEL, Settings
+from tests.support.browsing import (
+    INK,
+    PICTURES,
+    ROOT,
+    TIMEOUT_MS,
+    curl_line,
+    inked,
+    opened,
+    photo,
+    pixels,
+    run,
+    saved,
+    warm,
+)
+from tests.support.server import running
+from tests.support.small import model as tiny_model
+
+
+def test_the_policy_allows_the_map_of_imports_and_nothing_from_elsewhere(browser: Browser, address: str) -> None:
+    with browser.new_context() as context:
+        page = context.new_page()
+        page.goto(f"{address}/")
+        pinned = json.loads((viewer.STATIC.parent / "package.json").read_text("utf-8"))["dependencies"]["three"]
+        assert page.evaluate("async () => (await import('three')).REVISION") == pinned.split(".")[1]
+        asked = "fetch('https://example.org').then(() => 'fetched', () => 'blocked')"
+        with page.expect_console_message(lambda message: "Content Security Policy" in message.text):
+            assert page.evaluate(f"async () => {asked}") == "blocked"
+
+
+def test_a_photo_is_encoded_and_its_points_appear(browser: Browser, address: str) -> None:
+    with browser.new_context(viewport={"width": 1280, "height": 1000}) as context:
+        page = context.new_page()
+        page.route("**/objects?*", lambda route: route.fulfill(json={"items": [], "next": None}))  # as on the first day
+        page.goto(f"{address}/")
+        expect(page.locator("#empty")).to_be_visible()
+        empty = inked(page)
+        page.unroute("**/objects?*")
+        page.set_input_files("#file", photo("chair"))
+        expect(page.locator("#count")).to_have_text("10,000 points", timeout=TIMEOUT_MS)
+        expect(page.locator("#empty")).to_be_hidden()
+        assert inked(page) > empty + 2000
+        expect(page.locator("#framing figcaption")).to_contain_text("transparency")
+        page.screenshot(path=PICTURES / "encoded.png")
+        frame, box = (page.locator(f"#framing .{name}").bounding_box() for name in ("picture", "box"))
+        assert frame
+        assert box
+        assert 0 < box["width"] < frame["width"]
+        assert b'"mask":"alpha"' in run(curl_line(page, "encode"), photo("chair").parent)
+
+
+def test_an_example_is_encoded(page: Page) -> None:
+    page.get_by_role("button", name="Armchair", exact=True).click()
+    expect(page.locator("#framing")).to_be_visible()
+    expect(page.locator("#gallery li.shown")).to_have_count(1)
+
+
+def test_the_model_is_chosen_where_there_are_two(page: Page, browser: Browser, tmp_path: Path) -> None:
+    expect(page.get_by_label("Model")).to_be_hidden()  # one is loaded
+    spec = MappingSpec("tiny", 3, (16,), 3, k=4)
+    other = tiny_model.build(tmp_path / "tiny-k4.onnx", spec, meta=tiny_model.metadata(spec, "tiny-k4"))
+    store = f"sqlite:///{tmp_path / 'hof.db'}"
+    with (
+        running(Settings(model=(SHIPPED_MODEL, other), database_url=store)) as server,
+        browser.new_context() as context,
+    ):
+        page = context.new_page()
+        page.goto(f"http://127.0.0.1:{server.port}/")
+        page.get_by_label("Model").select_option("tiny-k4")
+        page.set_input_files("#file", photo("chair"))
+        expect(page.locator("#about")).to_contain_text("k = 4, of tiny-k4", timeout=TIMEOUT_MS)
+        assert b'"model":"tiny-k4"' in run(curl_line(page, "encode"), photo("chair").parent)
+        page.get_by_label("Model").select_option(index=0)
+        page.set_input_files("#file", photo("chair"))
+        expect(page.locator("#about")).to_contain_text("k = 2, of hof1-k2", timeout=TIMEOUT_MS)
+        assert curl_line(page, "encode").endswith("/encode")
+
+
+def test_a_dropped_photo_is_encoded(page: Page) -> None:
+    page.evaluate("""async () => {
+        const content = await (await fetch("/viewer/bundle/photos/chair.png")).blob();
+        const dataTransfer = new DataTransfer();
+        dataTransfer.items.add(new File([content], "chair.png", { type: "image/png" }));
+        document.body.dispatchEvent(new DragEvent("drop", { dataTransfer, bubbles: true, cancelable: true }));
+    }""")
+    expect(page.locator("#framing")).to_be_visible()
+
+
+def test_more_points_are_appended_as_they_arrive_and_fewer_cost_nothing(page: Page) -> None:
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url.partition("?")[2]))
+    page.evaluate("""() => {
+        globalThis.told = new Set();
+        const count = document.getElementById("count");
+        new MutationObserver(() => told.add(count.textContent)).observe(count, { childList: true });
+    }""")
+    few = inked(page)
+    page.locator("#n").press("End")
+    expect(page.locator("#count")).to_have_text("1,000,000 points")
+    assert asked == ["n=990000&seed=0&offset=10000&format=pcd"]
+    assert len(page.evaluate("[...told]")) > 3
+    assert inked(page) > 1.5 * few
+    page.screenshot(path=PICTURES / "million.png")
+    page.locator("#n").press("Home")
+    expect(page.locator("#count")).to_have_text("100 points")
+    assert inked(page) < few
+    assert len(asked) == 1
+
+
+def test_keys_and_pointer_turn_the_points_and_the_seed_draws_others(page: Page) -> None:
+    canvas = page.locator("#stage canvas")
+    before = pixels(page)
+    canvas.press("ArrowLeft")
+    turned = pixels(page)
+    assert (turned != before).any()
+    canvas.press("Home")
+    assert (pixels(page) == before).mean() > 0.99  # but for the ring of the focus
+    canvas.hover()
+    page.mouse.down()
+    page.mouse.move(500, 300)
+    page.mouse.up()
+    before = pixels(page)
+    assert (before != turned).mean() > 0.005
+    page.locator("#seed").fill("7")
+    with page.expect_response(lambda response: "seed=7" in response.url):
+        page.locator("#seed").press("Tab")
+    expect(page.locator("#count")).to_have_text("10,000 points")
+    assert (pixels(page) != before).mean() > 0.005
+
+
+def test_two_objects_are_composed_by_dragging_one_onto_the_other(page: Page) -> None:
+    cards = page.locator("#gallery li:has(.mix)")
+    cards.nth(0).drag_to(cards.nth(1))
+    labels = page.locator("#words button")
+    expect(labels).to_have_text(["AA", "AB", "BA", "BB"])
+    expect(page.locator("#count")).to_have_text("10,000 points each")
+    expect(page.locator("#about")).to_contain_text("AB is A(B(x))")
+    assert run(curl_line(page, "gallery"), ROOT).count(b'"kind":"composed"') == 4
+    shown = pixels(page)
+    height, width = (side // 2 for side in shown.shape[:2])
+    for cell in (shown[:height, :width], shown[:height, width:], shown[height:, :width], shown[height:, width:]):
+        assert (255 - cell.min(axis=2) > INK).sum() > 1000
+    page.screenshot(path=PICTURES / "composed.png", full_page=True)
+    labels.nth(1).click()
+    expect(page.locator("#about")).to_contain_text("composed")
+    expect(page.locator("#words")).to_be_hidden()
+    expect(page.locator("#count")).to_have_text("10,000 points")
+
+
+def test_two_objects_are_composed_with_the_keyboard(page: Page) -> None:
+    mix = page.locator("#gallery .mix")
+    mix.nth(0).press("Enter")
+    expect(mix.nth(0)).to_have_attribute("aria-pressed", "true")
+    page.keyboard.press("Escape")
+    expect(mix.nth(0)).to_have_attribute("aria-pressed", "false")
+    mix.nth(0).press("Enter")
+    mix.nth(1).press("Enter")
+    expect(page.locator("#words button")).to_have_count(4)
+    expect(page.locator("#stage canvas")).to_be_focused()
+
+
+def test_an_object_of_the_gallery_opens(page: Page) -> None:
+    opening = page.locator("#gallery li:has(.mix) .open").last
+    opening.click()
+    expect(page.locator("#gallery li.shown .open")).to_have_text(opening.inner_text())
+    assert opening.inner_text().split()[1] in curl_line(page, "download")
+
+
+@pytest.fixture
+def page_in_color(browser: Browser, colored: httpx.Client) -> Iterator[Page]:
+    """The page of a service whose model colours its objects, with one of them."""
+    assert colored.post("/encode", content=photo("chair").read_bytes()).status_code == 201
+    with browser.new_context(viewport={"width": 1280, "height": 1000}) as context:
+        yield opened(context.new_page(), str(colored.base_url))
+
+
+def test_an_object_in_colour_is_shown_and_saved_so_unless_switched_off(page_in_color: Page, tmp_path: Path) -> None:
+    page = page_in_color
+    assert warm(page) > 500
+    page.screenshot(path=PICTURES / "color.png")
+    page.locator("#n").press("End")
+    expect(page.locator("#count")).to_have_text("1,000,000 points")
+    page.locator("#n").press("Home")
+    for color, header in ((True, b"property uchar red"), (False, b"property float z\nend_header")):
+        page.get_by_label("Colour").set_checked(color)
+        assert (warm(page) > 0) == color
+        run(curl_line(page, "download"), tmp_path)
+        assert header in (tmp_path / "object.ply").read_bytes()
+
+
+def test_a_surface_in_colour_is_shown_and_saved_so_unless_switched_off(page_in_color: Page, tmp_path: Path) -> None:
+    page = page_in_color
+    page.get_by_role("switch", name="Surface").check()
+    expect(page.locator("#count")).to_have_text(re.compile(r"^[\d,]{5,} triangles$"))
+    painted = pixels(page)
+    assert warm(page) > 500
+    page.screenshot(path=PICTURES / "surface-color.png")
+    for color in (False, True):
+        page.get_by_label("Colour").set_checked(color)
+        assert (warm(page) > 0) == color
+        run(curl_line(page, "download"), tmp_path)
+        assert (b"COLOR_0" in (tmp_path / "object.glb").read_bytes()) == color
+    assert (pixels(page) == painted).all()
+    page.locator("#format").select_option("safetensors")
+    page.get_by_label("Colour").uncheck()
+    assert "color" not in curl_line(page, "download")
+
+
+def test_files_are_saved_as_the_curl_line_gets_them(page: Page, tmp_path: Path) -> None:
+    options = page.locator("#format option")
+    for index in range(options.count()):
+        page.locator("#format").select_option(index=index)
+        with page.expect_download() as saved:
+            page.get_by_role("button", name="Save").click()
+        assert re.fullmatch(r"hof-[0-9a-f]{32}\.\w+", saved.value.suggested_filename)
+        folder = tmp_path / str(index)
+        folder.mkdir()
+        run(curl_line(page, "download"), folder)
+        (fetched,) = folder.iterdir()
+        assert fetched.read_bytes() == Path(saved.value.path()).read_bytes(), fetched.name
+
+
+def test_the_switch_shows_the_surface_and_brings_the_points_back(page: Page, tmp_path: Path) -> None:
+    points = pixels(page)
+    page.get_by_role("switch", name="Surface").check()
+    expect(page.locator("#count")).to_have_text(re.compile(r"^[\d,]{5,} triangles$"))
+    assert (pixels(page) != points).mean() > 0.02
+    page.screenshot(path=PICTURES / "surface.png")
+    glb = trimesh.load(io.BytesIO(saved(page, "download", tmp_path)), file_type="glb").to_geometry()
+    expect(page.locator("#count")).to_have_text(f"{len(glb.faces):,} triangles")
+    expect(page.locator("#n")).to_be_disabled()
+    page.get_by_role("switch", name="Surface").uncheck()
+    expect(page.locator("#count")).to_have_text("10,000 points")
+    assert (pixels(page) == points).mean() > 0.99
+    assert "/points?" in curl_line(page, "download")

@@ -1,0 +1,1 @@
+"""Helpers of the tests and the benchmarks: servers, processes, databases, photos, small inputs."""

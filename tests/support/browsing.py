@@ -1,0 +1,112 @@
+"""The page in Chromium, for tests: a service, a browser, and what one sees and saves. A plugin of conftest.py."""
+
+import io
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import numpy as np
+import pytest
+from PIL import Image
+from playwright.sync_api import Browser, ConsoleMessage, Page, expect, sync_playwright
+
+from service.settings import SHIPPED_MODEL, Settings
+from tests.support.server import running
+
+ROOT = Path(__file__).parents[2]
+PICTURES = ROOT / "out" / "viewer"
+WEBGL = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+TIMEOUT_MS = 60_000
+INK = 40  # of 255: by how much a pixel differs from the panel's white to be a point's
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    chromium = shutil.which("chromium")
+    assert chromium, "the page is tested in Debian's chromium: tests/system.sh installs it"
+    PICTURES.mkdir(parents=True, exist_ok=True)
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=WEBGL)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """A service with the default model and two objects, a chair and an armchair."""
+    store = f"sqlite:///{tmp_path_factory.mktemp('store') / 'hof.db'}"
+    with running(Settings(model=(SHIPPED_MODEL,), database_url=store, matting_model=None, threads=1)) as server:
+        address = f"http://127.0.0.1:{server.port}"
+        for name in ("chair", "armchair"):
+            assert httpx.post(f"{address}/encode", content=photo(name).read_bytes(), timeout=60).status_code == 201
+        yield address
+
+
+@pytest.fixture
+def page(browser: Browser, address: str) -> Iterator[Page]:
+    """The page, opened; no script may fail and no policy be broken while a test uses it."""
+    with browser.new_context(viewport={"width": 1280, "height": 1000}, accept_downloads=True) as context:
+        page = opened(context.new_page(), address)
+        faults: list[str] = []
+
+        def note(message: ConsoleMessage) -> None:
+            if message.type == "error" and "Failed to load resource" not in message.text:  # 4xx that a test provokes
+                faults.append(message.text)
+
+        page.on("console", note)
+        page.on("pageerror", lambda error: faults.append(str(error)))
+        yield page
+        assert faults == []
+
+
+def opened(page: Page, address: str) -> Page:
+    """The page, once it shows its first object."""
+    page.set_default_timeout(TIMEOUT_MS)
+    expect.set_options(timeout=TIMEOUT_MS)
+    page.goto(f"{address}/")
+    expect(page.locator("#count")).to_have_text("10,000 points")
+    return page
+
+
+def photo(name: str) -> Path:
+    """A photo of the demo."""
+    return ROOT / "demo" / f"{name}.png"
+
+
+def pixels(page: Page) -> np.ndarray[tuple[int, ...], np.dtype[np.int16]]:
+    """What the stage shows, once it is drawn: (height, width, 3)."""
+    page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    image = Image.open(io.BytesIO(page.locator("#stage canvas").screenshot()))
+    return np.asarray(image.convert("RGB")).astype(np.int16)
+
+
+def inked(page: Page) -> int:
+    """How many pixels of the stage are points."""
+    return int((255 - pixels(page).min(axis=2) > INK).sum())
+
+
+def warm(page: Page) -> int:
+    """How many pixels of the stage have clearly more red than blue, which no shade has."""
+    shown = pixels(page)
+    return int((shown[..., 0] - shown[..., 2] > INK).sum())
+
+
+def curl_line(page: Page, of: str) -> str:
+    """The line that the page shows under an action."""
+    return page.locator(f'.curl[data-of="{of}"] code').inner_text()
+
+
+def run(line: str, folder: Path) -> bytes:
+    """What a shell prints of a line."""
+    bash = shutil.which("bash")
+    assert bash
+    return subprocess.run([bash, "-c", f"{line} -sS"], cwd=folder, capture_output=True, timeout=60, check=True).stdout
+
+
+def saved(page: Page, of: str, folder: Path) -> bytes:
+    """The file that a curl line of the page writes."""
+    run(curl_line(page, of), folder)
+    (fetched,) = folder.iterdir()
+    return fetched.read_bytes()

@@ -1,0 +1,108 @@
+"""A PostgreSQL of the tests' own: Debian's server in a temporary folder, on loopback, and PgBouncer before it."""
+
+import contextlib
+import os
+import shutil
+import socket
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import count
+from pathlib import Path
+
+import pytest
+
+USER = "postgres"  # neither server runs as root
+FAST = "-c fsync=off -c synchronous_commit=off -c full_page_writes=off -c shared_buffers=16MB -c max_connections=50"
+START_TIMEOUT_S = 120
+
+
+class Postgres:
+    """A running server; each `create` is an empty database of its own."""
+
+    def __init__(self, folder: Path, port: int) -> None:
+        self._folder = folder
+        self._port = port
+        self._names = (f"hof_{number}" for number in count(1))
+
+    def create(self) -> str:
+        """The URL of a new database."""
+        name = next(self._names)
+        self.run(f"CREATE DATABASE {name}", "postgres")
+        return f"postgresql://{USER}@127.0.0.1:{self._port}/{name}"
+
+    def run(self, sql: str, database: str) -> str:
+        """What psql prints."""
+        connection = ["-h", "127.0.0.1", "-p", str(self._port), "-U", USER, "-d", database]
+        command = [_tool("psql"), *connection, "-X", "-q", "-A", "-t", "-v", "ON_ERROR_STOP=1", "-c", sql]
+        return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
+
+    @contextmanager
+    def bouncer(self, url: str) -> Iterator[str]:
+        """The same database through PgBouncer, which hands its two connections out by transaction."""
+        port = free_port()
+        path = self._folder / f"bouncer-{port}.ini"
+        path.write_text(
+            f"[databases]\n* = host=127.0.0.1 port={self._port} user={USER}\n[pgbouncer]\nlisten_addr=127.0.0.1\n"
+            f"listen_port={port}\nunix_socket_dir=\nauth_type=any\npool_mode=transaction\ndefault_pool_size=2\n"
+        )
+        with subprocess.Popen([*_unprivileged(), _tool("pgbouncer"), "--quiet", str(path)]) as process:
+            try:
+                _wait_for(port, process)
+                yield url.replace(f":{self._port}/", f":{port}/")
+            finally:
+                process.terminate()
+
+
+@contextmanager
+def running_postgres() -> Iterator[Postgres]:
+    """The server, until the block ends. Nothing of it outlives a crash of the machine, which makes it quick."""
+    with tempfile.TemporaryDirectory(prefix="hof-postgres-") as name:
+        folder, port = Path(name), free_port()
+        if os.geteuid() == 0:
+            shutil.chown(folder, USER)
+        data = folder / "data"
+        setup = [_tool("initdb"), "-D", str(data), "-U", USER, "-A", "trust", "-E", "UTF8", "--no-sync"]
+        subprocess.run([*_unprivileged(), *setup], check=True, capture_output=True, cwd=folder)
+        options = f"-k '' -h 127.0.0.1 -p {port} {FAST}"
+        control = [*_unprivileged(), _tool("pg_ctl"), "-D", str(data), "-w", "-t", str(START_TIMEOUT_S)]
+        start = [*control, "-l", str(folder / "log"), "-o", options, "start"]
+        subprocess.run(start, check=True, stdout=subprocess.DEVNULL, cwd=folder)
+        try:
+            yield Postgres(folder, port)
+        finally:
+            subprocess.run([*control, "-m", "immediate", "stop"], check=True, stdout=subprocess.DEVNULL, cwd=folder)
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port: int = probe.getsockname()[1]
+    return port
+
+
+def _unprivileged() -> list[str]:
+    return ["setpriv", f"--reuid={USER}", f"--regid={USER}", "--clear-groups"] if os.geteuid() == 0 else []
+
+
+def _tool(name: str) -> str:
+    """A program on the path, or of the newest PostgreSQL where Debian puts it."""
+    folders = sorted(Path("/usr/lib/postgresql").glob("*/bin"), key=lambda folder: int(folder.parent.name))
+    found = shutil.which(name, path=os.pathsep.join([*map(str, reversed(folders)), os.environ["PATH"], "/usr/sbin"]))
+    assert found, f"the tests need {name}: tests/system.sh installs it"
+    return found
+
+
+def _wait_for(port: int, process: subprocess.Popen[bytes]) -> None:
+    """Until somebody answers at the port."""
+    deadline = time.monotonic() + START_TIMEOUT_S
+    while time.monotonic() < deadline:
+        assert process.poll() is None, f"{process.args!r} ended"
+        with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), timeout=1):
+            return
+        time.sleep(0.05)
+    raise AssertionError(f"{process.args!r} does not answer")
+
+
+EVERY_DATABASE = pytest.mark.parametrize("database_url", ["sqlite", "postgresql"], indirect=True)

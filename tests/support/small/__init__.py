@@ -1,0 +1,1 @@
+"""Inputs small enough for a test: models, data sets, clouds, meshes."""
