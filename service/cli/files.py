@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from pydantic import BaseModel
 
@@ -16,8 +16,8 @@ from service.encoding.encoder import Encoder
 from service.encoding.framing import preprocess
 from service.encoding.matting import Matting
 from service.errors import HofError, InvalidParameter
-from service.formats.mesh.registry import MESH_FORMATS
-from service.formats.points.registry import POINT_FORMATS, Format, PointFormat, write
+from service.formats.mesh.registry import MESH_FORMATS, MeshFormat
+from service.formats.points.registry import POINT_FORMATS, PointFormat, write
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
 from service.mapping.sampler import Sampler
 from service.mapping.spec import Array, Functions, MappingSpec, joined
@@ -25,6 +25,8 @@ from service.options import EncodeQuery, MeshQuery, PointsQuery
 from service.runtime.composition import Member, check
 from service.runtime.streaming import check_size
 from service.settings import POINTS_CEILING, Settings
+
+Format = TypeVar("Format", PointFormat, MeshFormat)
 
 PICTURE: Final = ".png"
 

@@ -9,8 +9,8 @@ from starlette.responses import Response
 from service.api.routes.file_answers import NOT_ACCEPTABLE, ObjectId, attachment, cached, file_responses, head
 from service.api.wire.caching import etag, is_fresh
 from service.api.wire.disconnects import while_there
+from service.api.wire.negotiation import negotiate
 from service.formats.mesh.registry import MESH_FORMATS, MeshFormat
-from service.formats.points.registry import negotiate
 from service.mapping.spec import Functions, MappingSpec
 from service.options import MeshQuery
 from service.runtime.parts import Ready

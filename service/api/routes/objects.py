@@ -20,9 +20,10 @@ from service.api.routes.file_answers import (
 )
 from service.api.wire.caching import accepts_gzip, etag, is_fresh
 from service.api.wire.disconnects import AdmittedStream, while_there
+from service.api.wire.negotiation import negotiate
 from service.api.wire.uploads import read_body, size_ahead
 from service.errors import InvalidParameter
-from service.formats.points.registry import POINT_FORMATS, negotiate
+from service.formats.points.registry import POINT_FORMATS
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
 from service.options import NoQuery, PageQuery, PointsQuery, WeightsQuery
 from service.runtime.parts import Ready

@@ -1,11 +1,11 @@
-"""Point clouds as files: what formats there are, how one is chosen, how one is written piece by piece."""
+"""Point clouds as files: what formats there are, how one is written piece by piece."""
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Final, Protocol, TypeVar
+from typing import Final, Protocol
 
-from service.errors import InvalidParameter, NotAcceptable
+from service.errors import InvalidParameter
 from service.formats import raw
 from service.formats.points import gltf, json, npy, pcd, ply, xyz
 from service.mapping.sampler import bounds as bounds_of
@@ -32,16 +32,6 @@ class Source(Protocol):
 
 
 Body = Callable[[Source, Part], bytes]
-
-
-class _Format(Protocol):
-    @property
-    def media_type(self) -> str: ...
-    @property
-    def extension(self) -> str: ...
-
-
-Format = TypeVar("Format", bound=_Format)
 
 
 @dataclass(frozen=True)
@@ -188,28 +178,6 @@ def write(fmt: PointFormat, source: Source) -> Iterator[bytes]:
     return filter(None, _pieces(fmt, source))  # an empty piece would end a chunked HTTP body
 
 
-def negotiate(accept: str | None, formats: Collection[Format]) -> Format:
-    """The format that an Accept header (RFC 9110, section 12.5.1) asks for; the first where it leaves the choice.
-
-    The highest q wins; then the more exact range, then the one that is named first.
-
-    Raises
-    ------
-    NotAcceptable : the header allows no format that we write.
-    """
-    ranges = _media_ranges(accept or "*/*")
-    ranked = [
-        (q, exactness, earliness, fmt)
-        for fmt in formats
-        for exactness, q, earliness in [_match(fmt.media_type, ranges)]
-        if q > 0
-    ]
-    if not ranked:
-        offered = ", ".join(fmt.media_type for fmt in formats)
-        raise NotAcceptable(f"the Accept header allows none of {offered}", field="Accept")
-    return max(ranked, key=lambda candidate: candidate[:3])[3]  # max keeps the first of equals
-
-
 def _pieces(fmt: PointFormat, source: Source) -> Iterator[bytes]:
     yield fmt.head(source.n, bounds_of(map(source.points, source.parts())) if fmt.needs_bounds else None)
     for opening, body in fmt.passes:
@@ -218,31 +186,3 @@ def _pieces(fmt: PointFormat, source: Source) -> Iterator[bytes]:
             yield separator + body(source, part)
             separator = fmt.separator
     yield fmt.tail(source.n)
-
-
-def _media_ranges(accept: str) -> list[tuple[str, float]]:
-    """(range, q) in the header's order; what makes no sense is left out."""
-    ranges = []
-    for part in accept.lower().split(","):
-        media_range, *parameters = (field.strip() for field in part.split(";"))
-        quality = next((value[2:] for value in parameters if value.startswith("q=")), "1")
-        try:
-            q = float(quality)
-        except ValueError:
-            continue
-        if "/" in media_range and 0 <= q <= 1:
-            ranges.append((media_range, q))
-    return ranges
-
-
-def _match(media_type: str, ranges: list[tuple[str, float]]) -> tuple[int, float, int]:
-    """The most exact range that covers a media type, as (exactness, q, earliness); q = 0 for none."""
-    covers = (media_type, media_type.split("/")[0] + "/*", "*/*")
-    return max(
-        (
-            (len(covers) - covers.index(media_range), q, -position)
-            for position, (media_range, q) in enumerate(ranges)
-            if media_range in covers
-        ),
-        default=(0, 0.0, 0),
-    )

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from service.errors import InvalidParameter, NotAcceptable
-from service.formats.points.registry import POINT_FORMATS, Part, PointFormat, negotiate, write
+from service.errors import InvalidParameter
+from service.formats.points.registry import POINT_FORMATS, Part, PointFormat, write
 from service.formats.raw import float32
 from service.mapping.canonical import canonical_points
 from service.mapping.sampler import bounds
@@ -228,51 +228,3 @@ def test_the_validator_sees_wrong_bounds(tmp_path: Path) -> None:
     fmt = POINT_FORMATS["glb"]
     wrong = fmt.head(2, (np.zeros(3, np.float32), np.ones(3, np.float32))) + float32(TWO)
     assert gltf_report(wrong, tmp_path)["issues"]["numErrors"] > 0
-
-
-# Accept
-
-
-@pytest.mark.parametrize(
-    ("accept", "name"),
-    [
-        (None, "ply"),
-        ("", "ply"),
-        ("*/*", "ply"),
-        ("text/html,application/xhtml+xml,application/xml;q=0.9,*/*;q=0.8", "ply"),
-        ("model/ply", "ply"),
-        ("application/x-npy", "npy"),
-        ("text/plain", "xyz"),
-        ("text/*", "xyz"),
-        ("application/json", "json"),
-        ("model/gltf-binary", "glb"),
-        ("Model/GLTF-Binary", "glb"),
-        ("model/*", "ply"),
-        ("application/*", "npy"),
-        ("application/json;q=0.5, model/gltf-binary;q=0.9", "glb"),
-        ("application/json ; q=0.9 , model/gltf-binary;q=0.5", "json"),
-        ("model/gltf-binary, */*;q=0.1", "glb"),
-        ("*/*, model/gltf-binary", "glb"),
-        ("model/gltf+json", "gltf"),
-        ("application/x-pcd", "pcd"),
-        ("application/octet-stream", "f32"),
-        ("application/json, text/plain, */*", "json"),
-        ("text/plain, application/json, */*", "xyz"),
-        ("model/*, model/ply;q=0", "glb"),
-        ("*/*;q=0.5, model/ply;q=0.1, application/x-npy;q=0.2", "xyz"),
-        ("application/json;charset=utf-8;q=1", "json"),
-        ("application/json;q=high, text/plain;q=0.1", "xyz"),
-        ("application/json;q=7, text/plain;q=0.1", "xyz"),
-        ("nonsense, application/json", "json"),
-    ],
-)
-def test_negotiate(accept: str | None, name: str) -> None:
-    assert negotiate(accept, FORMATS).name == name
-
-
-@pytest.mark.parametrize(
-    "accept", ["image/png", "image/*", "*/*;q=0", "model/ply;q=0", "nonsense", "application/json;q=0, text/html", "*"]
-)
-def test_not_acceptable(accept: str) -> None:
-    with pytest.raises(NotAcceptable, match="model/gltf-binary"):
-        negotiate(accept, FORMATS)
