@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from model.cli.main import SHIPPED
+from model.cli.common import SHIPPED
 from model.export import TOLERANCE, export
 from model.networks.encoder import ImageEncoder
 from model.training.checkpoints import load_encoder

@@ -8,7 +8,7 @@ import pytest
 import trimesh
 from PIL import Image
 
-from model.cli.main import ROOT, SHIPPED
+from model.cli.common import ROOT, SHIPPED
 from model.data.sources.meshes import MeshRecord, folder_records, load_parts
 from model.data.sources.photographs import FOLDER, photograph_files
 from model.data.sources.sweethome3d import CATALOGUE, frozen_split, parse_catalogue, sh3f_files, sh3f_records

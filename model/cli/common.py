@@ -1,0 +1,29 @@
+"""Paths and flags that several stages share."""
+
+import argparse
+from pathlib import Path
+from typing import Final
+
+from model.cli.data import DATA
+
+RUN: Final = Path("runs/hof1-k2")
+SHIPPED: Final = Path(__file__).resolve().parents[1] / "weights" / "hof1-k2.onnx"
+ROOT: Final = Path(__file__).resolve().parents[2]
+SPLITS: Final = ("train", "val", "test")
+
+
+def add_data(stage: argparse.ArgumentParser) -> None:
+    """Add `--data`, the data set's folder."""
+    stage.add_argument(
+        "--data", type=Path, default=DATA, help=f"folder written by `hof-model data build`; default: {DATA}"
+    )
+
+
+def add_run(stage: argparse.ArgumentParser, text: str) -> None:
+    """Add `--run`, the folder of a training run, stored as `folder`."""
+    stage.add_argument("--run", type=Path, default=RUN, dest="folder", help=f"{text}; default: {RUN}")
+
+
+def add_seed(stage: argparse.ArgumentParser) -> None:
+    """Add `--seed` for stages that sample but have no config of their own."""
+    stage.add_argument("--seed", type=int, default=0, help="seed of sampled points and images; default: 0")
