@@ -18,11 +18,11 @@ from onnx import helper, numpy_helper
 from torch import nn
 
 from model.config import TrainConfig
-from model.files import whole_file
 from model.networks.color_head import ColoredEncoder, ColorHead
 from model.networks.encoder import ImageEncoder, power
 from service import mapping
 from service.encoding.encoder import FORMAT, Encoder
+from service.files import whole_file
 from service.mapping.canonical import canonical_points
 from service.mapping.sampler import Sampler
 

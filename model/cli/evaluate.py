@@ -104,11 +104,11 @@ def _export(arguments: argparse.Namespace) -> None:
     from model.data.manifest import Manifest
     from model.evaluation.comparison import encoder_record, references
     from model.export import export
-    from model.files import whole_file
     from model.networks.color_head import load
     from model.report.card import figures, make_card, page
     from model.training.checkpoints import chosen_checkpoint, load_encoder
     from service.encoding.encoder import Encoder
+    from service.files import whole_file
 
     trained, config, run = load_encoder(chosen_checkpoint(arguments.folder))
     color, color_training = load(arguments.folder, trained, config.spec) or (None, None)

@@ -14,7 +14,7 @@ from model.data.manifest import Entry, Manifest, Split, assign_splits
 from model.data.rendering.render import render
 from model.data.sources.meshes import MeshRecord
 from model.data.workers import run_told
-from model.files import whole_file
+from service.files import whole_file
 
 OBJECTS: Final = "objects"
 

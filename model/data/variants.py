@@ -19,7 +19,7 @@ from model.data.rendering.surface import sample_surface
 from model.data.sources.meshes import MeshRecord, load_parts
 from model.data.warp import STRETCH, warped
 from model.data.workers import run_told
-from model.files import whole_file
+from service.files import whole_file
 
 STRETCHED: Final = 4  # variants 1 to this are stretched, those after it warped,
 WARPED: Final = 9  # and those after this warped in other colours and textures

@@ -20,11 +20,11 @@ from model.evaluation.conditions import png
 from model.evaluation.evaluate import VIEWS, Case, cases, encoded
 from model.evaluation.neighbours import Neighbours
 from model.evaluation.references import Training
-from model.files import whole_file
 from model.metrics import nearest
 from model.provenance import provenance
 from service.drawing.words import rows_of_words, sheet
 from service.encoding.encoder import Encoder
+from service.files import whole_file
 from service.mapping.sampler import Sampler
 from service.mapping.spec import MappingSpec
 

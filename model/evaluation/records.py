@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from model.evaluation.evaluate import Evaluation
-from model.files import whole_file
+from service.files import whole_file
 
 DIGITS: Final = 5
 

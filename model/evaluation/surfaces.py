@@ -23,11 +23,11 @@ from tqdm import tqdm
 from model.data.manifest import Split
 from model.evaluation.conditions import png
 from model.evaluation.evaluate import POINTS, VIEWS, Case, cases, encoded
-from model.files import whole_file
 from model.metrics import compare
 from model.provenance import provenance
 from model.report.tables import table
 from service.encoding.encoder import Encoder
+from service.files import whole_file
 from service.mapping.sampler import Sampler
 from service.mapping.spec import word_of
 from service.mapping.surface import shells, surface_of

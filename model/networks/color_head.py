@@ -13,8 +13,8 @@ import torch
 import torch.nn.functional as nnf
 from torch import Tensor, nn
 
-from model.files import whole_file
 from model.networks.encoder import ImageEncoder, ThetaHead
+from service.files import whole_file
 from service.mapping.spec import MappingSpec
 
 FILE: Final = "color.pt"  # in the folder of the run that it belongs to

@@ -6,8 +6,8 @@ from typing import Final
 import torch
 from torch import nn
 
-from model.files import whole_file
 from model.training.checkpoints import chosen_checkpoint, load_network
+from service.files import whole_file
 
 EMA_DECAY: Final = 0.999  # per step
 

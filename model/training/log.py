@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import TextIO
 
-from model.files import whole_file
+from service.files import whole_file
 
 
 def log_line(log: TextIO, step: int, elapsed_s: float, figures: dict[str, float]) -> None:

@@ -18,7 +18,6 @@ from tqdm import tqdm
 
 from model.config import TrainConfig
 from model.data.dataset import Batch, Examples, draw_batch, load_examples, plain_images
-from model.files import whole_file
 from model.metrics import compare
 from model.networks.decoders import make_network
 from model.networks.lite0 import Lite0, load_imagenet
@@ -27,6 +26,7 @@ from model.training.checkpoints import chosen_checkpoint, load_network
 from model.training.log import cut_log, log_line
 from model.training.losses import chamfer, late_chamfer, projection
 from model.training.memory import keep_freed_memory
+from service.files import whole_file
 from service.mapping.canonical import canonical_points
 
 CHECKPOINT_EVERY_S: Final = 600.0

@@ -3,7 +3,6 @@
 import argparse
 import io
 import json
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -16,6 +15,7 @@ from service.encoding.encoder import Encoder
 from service.encoding.framing import preprocess
 from service.encoding.matting import Matting
 from service.errors import HofError, InvalidParameter
+from service.files import whole_file
 from service.formats.mesh.registry import MESH_FORMATS, MeshFormat
 from service.formats.points.registry import POINT_FORMATS, PointFormat, write
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
@@ -156,11 +156,5 @@ def _write_sheet(arguments: argparse.Namespace, spec: MappingSpec, thetas: Seque
 
 
 def _write(path: Path, pieces: Iterable[bytes]) -> None:
-    """Write a file whole or not at all: under another name first, beside where it goes."""
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with part.open("xb") as file:
-            file.writelines(pieces)
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+    with whole_file(path) as file:
+        file.writelines(pieces)

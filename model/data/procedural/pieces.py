@@ -19,7 +19,7 @@ from model.data.rendering.surface import Floats, sample_surface
 from model.data.rendering.visible import visible
 from model.data.variants import free_cameras
 from model.data.workers import run_told
-from model.files import whole_file
+from service.files import whole_file
 
 DESIGNS: Final[dict[Callable[[Rng], list[Solid]], float]] = {  # and how often each is drawn
     seating.chair: 0.13,

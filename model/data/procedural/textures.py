@@ -14,7 +14,7 @@ from model.data.manifest import Manifest
 from model.data.procedural.primitives import Rng, Triple, paint
 from model.data.rendering.surface import material_colour
 from model.data.sources.meshes import MeshRecord
-from model.files import whole_file
+from service.files import whole_file
 
 FOLDER: Final = "textures"  # in the data set's folder
 SUFFIXES: Final = (".jpg", ".jpeg", ".png")

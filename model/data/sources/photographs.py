@@ -7,7 +7,7 @@ from typing import Final
 from PIL import Image
 
 from model.data.sources.debian import download, unpack
-from model.files import whole_file
+from service.files import whole_file
 
 PACKAGES: Final = ("lomiri-wallpapers-16.04", "mate-backgrounds")
 FOLDER: Final = "photographs"  # in the data set's folder
