@@ -7,12 +7,12 @@ from pydantic import BaseModel, ConfigDict, Field
 from service.encoding.framing import Background
 from service.formats.weights import WeightFormatName
 from service.mapping.canonical import Sampling
+from service.mapping.cloud import Cloud
 from service.mapping.color import ColorSampler
 from service.mapping.sampler import SCALES, Sampler
 from service.mapping.spec import MAX_K, Functions, MappingSpec, word_of
 from service.mapping.surface import RESOLUTION, RESOLUTIONS, Surface, surface_of
 from service.runtime.composition import Mode
-from service.runtime.streaming import Cloud
 from service.settings import POINTS_CEILING
 
 PointFormatName = Literal["ply", "npy", "xyz", "json", "glb", "gltf", "pcd", "f32", "f16"]

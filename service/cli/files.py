@@ -23,7 +23,7 @@ from service.mapping.sampler import Sampler
 from service.mapping.spec import Array, Functions, MappingSpec, joined
 from service.options import EncodeQuery, MeshQuery, PointsQuery
 from service.runtime.composition import Member, check
-from service.runtime.streaming import check_size
+from service.runtime.cost import check_size
 from service.settings import POINTS_CEILING, Settings
 
 Format = TypeVar("Format", PointFormat, MeshFormat)

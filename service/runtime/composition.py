@@ -13,8 +13,8 @@ import numpy as np
 
 from service.errors import CorruptWeights, InvalidParameter
 from service.formats.weights import MAX_LABEL
+from service.mapping.cloud import check_finite
 from service.mapping.spec import Array, Color, Functions, MappingSpec, joined
-from service.runtime.streaming import check_finite
 from service.storage.ids import composed_id, interpolated_id
 from service.storage.store import Record
 

@@ -1,127 +1,20 @@
-"""A cloud of an object's points: part by part, as a file or as a stream; never all at once."""
+"""A cloud as a stream of bytes: parts are computed on worker threads and sent in order, never all at once."""
 
 import asyncio
 import zlib
 from collections import deque
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
-from dataclasses import dataclass
-from functools import cached_property, partial
-from typing import Any, Final, TypeVar
+from functools import partial
+from typing import Any, TypeVar
 
 import numpy as np
 
-from service.errors import InvalidParameter
-from service.formats.points.registry import Part, PointFormat
-from service.mapping.canonical import Sampling, check_range
-from service.mapping.color import ColorSampler
-from service.mapping.sampler import CHUNK, SCALES, Sampler
-from service.mapping.spec import HOF_1, Array, Colors, Functions, MappingSpec, word_of
-
-PROBE_POINTS: Final = 4096  # of a new object: that it can be sampled at all
-FIRST_PART: Final = CHUNK // 16  # points; few, so that the first byte comes soon
-PART: Final = CHUNK
-UNIT: Final = 2 * HOF_1.size  # numbers that a point of the default model is multiplied with: its cost is 1
-CHEAP: Final = 16  # costs up to which a cloud may have as many points as the service allows at all
+from service.formats.points.registry import PointFormat
+from service.mapping.cloud import Cloud, Part
+from service.mapping.spec import Array
 
 Run = Callable[..., Awaitable[Any]]
 Result = TypeVar("Result")
-
-
-@dataclass(frozen=True)
-class Cloud:
-    """Which points of an object: all that decides their coordinates and their colours.
-
-    Parameters
-    ----------
-    n, seed, offset, scale, sampling : as in `Sampler.points`.
-
-    Raises
-    ------
-    InvalidParameter : n, seed or offset is out of range.
-    """
-
-    spec: MappingSpec
-    functions: Functions
-    n: int
-    seed: int = 0
-    offset: int = 0
-    scale: float = 1.0
-    sampling: Sampling = "uniform"
-
-    def __post_init__(self) -> None:
-        check_range(self.n, self.seed, self.offset, self.sampling)
-
-    @cached_property
-    def sampler(self) -> Sampler:
-        """The object's functions, packed once for all parts."""
-        return Sampler(self.spec, word_of(self.spec, self.functions.theta))
-
-    @cached_property
-    def color_sampler(self) -> ColorSampler:
-        """What colours the object, packed once for all parts. Raises ValueError where nothing does."""
-        if self.functions.color is None:
-            raise ValueError("the object has no colour")
-        return ColorSampler(self.functions.color)
-
-    def parts(self) -> Iterator[Part]:
-        """All points in order."""
-        start, size = 0, FIRST_PART
-        while start < self.n:
-            yield start, min(size, self.n - start)
-            start, size = start + size, PART
-
-    def points(self, part: Part) -> Array:
-        """Points of a part, (count, 3) float32, object frame times `scale` (paper, eq. 4)."""
-        start, count = part
-        offset = self.offset + start
-        return self.sampler.points(count, seed=self.seed, offset=offset, scale=self.scale, sampling=self.sampling)
-
-    def colors(self, part: Part) -> Colors:
-        """Colours of a part's points, (count, 3) uint8, sRGB."""
-        start, count = part
-        return self.color_sampler.colors(count, seed=self.seed, offset=self.offset + start, sampling=self.sampling)
-
-
-def check_finite(spec: MappingSpec, functions: Functions) -> None:
-    """Sample some points of an object at the largest scale, and their colours.
-
-    Raises
-    ------
-    CorruptWeights : they exceed float32.
-    """
-    cloud = Cloud(spec, functions, PROBE_POINTS, scale=SCALES[1])
-    for part in cloud.parts():
-        cloud.points(part)  # the sampler raises
-        if functions.color:
-            cloud.colors(part)
-
-
-def cost_of(spec: MappingSpec, *functions: Functions) -> int:
-    """What a point of an object takes, the colours of all its functions included, in points of the default model; at
-    least 1."""
-    colors = sum(each.color.weights.size for each in functions if each.color)
-    return max(1, (spec.k * spec.size + colors) // UNIT)
-
-
-def check_cost(n: int, cost: int, max_points: int, field: str) -> None:
-    """Refuse more points of a large function than it may take time for, with InvalidParameter."""
-    most = max_points * CHEAP // cost
-    if n > most:
-        detail = f"{field} asks for {n} points, the limit for a function as large as this object's is {most}"
-        raise InvalidParameter(detail, field=field)
-
-
-def check_size(fmt: PointFormat, n: int, max_points: int) -> None:
-    """Refuse more points than the format or the service allows, with InvalidParameter."""
-    if n > max_points:
-        raise InvalidParameter(f"n is {n}, the limit of this service is {max_points}", field="n")
-    if fmt.max_points is not None and n > fmt.max_points:
-        raise InvalidParameter(f"n is {n}, {fmt.name} holds at most {fmt.max_points} points", field="n")
-
-
-def in_flight(n: int, ahead: int) -> int:
-    """How many points of n a stream has at a time, computed or being computed; a small one counts for a first part."""
-    return min(max(n, FIRST_PART), (ahead + 1) * PART)
 
 
 async def stream(fmt: PointFormat, cloud: Cloud, run: Run, ahead: int) -> AsyncIterator[bytes]:

@@ -13,11 +13,12 @@ from service.api.responses import OVERLOADED, ComposedObjects, Problem, StoredOb
 from service.api.wire.disconnects import while_there
 from service.api.wire.uploads import read_body
 from service.errors import InvalidInput, NotFound
+from service.mapping.cloud import PROBE_POINTS
 from service.mapping.spec import Functions
 from service.options import Composition, NoQuery
 from service.runtime.composition import Proposal, check_stored, check_values, propose
+from service.runtime.cost import check_cost, cost_of
 from service.runtime.parts import Ready, Runtime
-from service.runtime.streaming import PROBE_POINTS, check_cost, cost_of
 from service.storage.ids import is_id
 from service.storage.store import Record
 

@@ -13,8 +13,8 @@ from service.api.wire.negotiation import negotiate
 from service.formats.mesh.registry import MESH_FORMATS, MeshFormat
 from service.mapping.spec import Functions, MappingSpec
 from service.options import MeshQuery
+from service.runtime.cost import check_cost, cost_of
 from service.runtime.parts import Ready
-from service.runtime.streaming import check_cost, cost_of
 
 router = APIRouter(prefix="/objects", tags=["objects"])
 

@@ -25,18 +25,11 @@ from service.api.wire.uploads import read_body, size_ahead
 from service.errors import InvalidParameter
 from service.formats.points.registry import POINT_FORMATS
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
+from service.mapping.cloud import PROBE_POINTS, check_finite
 from service.options import NoQuery, PageQuery, PointsQuery, WeightsQuery
+from service.runtime.cost import check_cost, check_size, cost_of, in_flight
 from service.runtime.parts import Ready
-from service.runtime.streaming import (
-    PROBE_POINTS,
-    check_cost,
-    check_finite,
-    check_size,
-    cost_of,
-    gzipped,
-    in_flight,
-    stream,
-)
+from service.runtime.streaming import gzipped, stream
 from service.storage.ids import imported_id
 from service.storage.store import Record
 

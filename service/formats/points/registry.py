@@ -8,10 +8,9 @@ from typing import Final, Protocol
 from service.errors import InvalidParameter
 from service.formats import raw
 from service.formats.points import gltf, json, npy, pcd, ply, xyz
+from service.mapping.cloud import Part
 from service.mapping.sampler import bounds as bounds_of
 from service.mapping.spec import Array, Colors
-
-Part = tuple[int, int]  # index of the first point, counted from the cloud's first; how many
 
 
 class Source(Protocol):

@@ -16,10 +16,11 @@ from starlette.requests import ClientDisconnect
 
 from service.errors import InvalidModel, InvalidParameter, Overloaded
 from service.formats.weights import Weights, dump
+from service.mapping.cloud import FIRST_PART, PART
 from service.mapping.spec import HOF_1, initial_theta
 from service.runtime import liveness
 from service.runtime.admission import Gate
-from service.runtime.streaming import FIRST_PART, PART, in_flight
+from service.runtime.cost import in_flight
 from service.settings import Settings
 from service.storage import database
 from service.storage.database import SQLITE_CONNECTIONS, OnThreads

@@ -10,9 +10,10 @@ import pytest
 import trimesh
 
 from service.errors import InvalidParameter
-from service.formats.points.registry import POINT_FORMATS, Part, PointFormat, write
+from service.formats.points.registry import POINT_FORMATS, PointFormat, write
 from service.formats.raw import float32
 from service.mapping.canonical import canonical_points
+from service.mapping.cloud import Part
 from service.mapping.sampler import bounds
 from service.mapping.spec import Array
 from tests.support.gltf_validator import check_valid, gltf_report

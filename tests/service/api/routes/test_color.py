@@ -17,8 +17,8 @@ from service import cli
 from service.formats.points.registry import POINT_FORMATS
 from service.formats.weights import Weights, dump, load
 from service.mapping.canonical import canonical_points
+from service.mapping.cloud import FIRST_PART
 from service.mapping.spec import Array, Color, Colors, MappingSpec, apply, initial_theta
-from service.runtime.streaming import FIRST_PART
 from tests.support.colored_objects import check_none_leaves_colour_out, encoded, file_of
 from tests.support.gltf_validator import check_valid
 from tests.support.photos import disc, image_file

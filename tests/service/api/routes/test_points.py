@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 import trimesh
 
-from service.formats.points.registry import POINT_FORMATS, Part
+from service.formats.points.registry import POINT_FORMATS
 from service.formats.weights import load
+from service.mapping import cloud as cloud_module
 from service.mapping.canonical import canonical_points
+from service.mapping.cloud import FIRST_PART, PART, Cloud, Part
 from service.mapping.spec import Array, Functions, MappingSpec, initial_theta, power
 from service.options import PointFormatName, PointsQuery
-from service.runtime import streaming as points_module
-from service.runtime.streaming import FIRST_PART, PART, Cloud
 from service.settings import Settings
 from tests.support.server import Server, check_refused, running
 
@@ -149,7 +149,7 @@ def test_a_setting_lowers_the_most_points(settings: Settings, photo: bytes) -> N
 
 def test_head_computes_nothing(client: httpx.Client, path: str, monkeypatch: pytest.MonkeyPatch) -> None:
     get = client.get(path)
-    monkeypatch.setattr(points_module, "Sampler", None)  # would fail
+    monkeypatch.setattr(cloud_module, "Sampler", None)  # would fail
     head = client.head(path)
     assert (head.status_code, head.content) == (200, b"")
     for name in ("content-type", "content-length", "content-disposition"):

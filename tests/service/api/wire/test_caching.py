@@ -4,9 +4,8 @@ import httpx
 import pytest
 
 from service.api.wire.caching import CACHE_CONTROL, accepts_gzip, etag, is_fresh
-from service.formats.points.registry import Part
+from service.mapping.cloud import Cloud, Part
 from service.mapping.spec import Array
-from service.runtime.streaming import Cloud
 
 KINDS = ["points", "weights"]
 

@@ -1,0 +1,86 @@
+"""A cloud: points of one object and their colors, computed part by part, so that memory does not grow with n."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+from service.mapping.canonical import Sampling, check_range
+from service.mapping.color import ColorSampler
+from service.mapping.sampler import CHUNK, SCALES, Sampler
+from service.mapping.spec import Array, Colors, Functions, MappingSpec, word_of
+
+PROBE_POINTS: Final = 4096  # points that are sampled of a new object, to see that it can be sampled at all
+FIRST_PART: Final = CHUNK // 16  # points; few, so that the first byte comes soon
+PART: Final = CHUNK  # points
+
+Part = tuple[int, int]  # index of the first point, counted from the cloud's first; number of points
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """Which points of an object: all that decides their coordinates and their colours.
+
+    Parameters
+    ----------
+    n, seed, offset, scale, sampling : as in `Sampler.points`.
+
+    Raises
+    ------
+    InvalidParameter : n, seed or offset is out of range.
+    """
+
+    spec: MappingSpec
+    functions: Functions
+    n: int
+    seed: int = 0
+    offset: int = 0
+    scale: float = 1.0
+    sampling: Sampling = "uniform"
+
+    def __post_init__(self) -> None:
+        check_range(self.n, self.seed, self.offset, self.sampling)
+
+    @cached_property
+    def sampler(self) -> Sampler:
+        """The object's functions, packed once for all parts."""
+        return Sampler(self.spec, word_of(self.spec, self.functions.theta))
+
+    @cached_property
+    def color_sampler(self) -> ColorSampler:
+        """What colours the object, packed once for all parts. Raises ValueError where nothing does."""
+        if self.functions.color is None:
+            raise ValueError("the object has no colour")
+        return ColorSampler(self.functions.color)
+
+    def parts(self) -> Iterator[Part]:
+        """All points in order."""
+        start, size = 0, FIRST_PART
+        while start < self.n:
+            yield start, min(size, self.n - start)
+            start, size = start + size, PART
+
+    def points(self, part: Part) -> Array:
+        """Points of a part, (count, 3) float32, object frame times `scale` (paper, eq. 4)."""
+        start, count = part
+        offset = self.offset + start
+        return self.sampler.points(count, seed=self.seed, offset=offset, scale=self.scale, sampling=self.sampling)
+
+    def colors(self, part: Part) -> Colors:
+        """Colours of a part's points, (count, 3) uint8, sRGB."""
+        start, count = part
+        return self.color_sampler.colors(count, seed=self.seed, offset=self.offset + start, sampling=self.sampling)
+
+
+def check_finite(spec: MappingSpec, functions: Functions) -> None:
+    """Sample some points of an object at the largest scale, and their colours.
+
+    Raises
+    ------
+    CorruptWeights : they exceed float32.
+    """
+    cloud = Cloud(spec, functions, PROBE_POINTS, scale=SCALES[1])
+    for part in cloud.parts():
+        cloud.points(part)  # the sampler raises
+        if functions.color:
+            cloud.colors(part)
