@@ -19,7 +19,8 @@ from benchmarks.generator import LOST, each, session
 from benchmarks.report import Asked, asked_table
 from service.settings import MIB
 from tests.support.mutations import mutant
-from tests.support.processes import SERVER_CORE, hof, serving, status_bytes
+from tests.support.processes import hof, serving
+from tests.support.resources import SERVER_CORE, status_bytes
 
 CLIENTS: Final = 8
 WARM_UP: Final = 0.2  # of the images: from then on memory is compared

@@ -28,7 +28,7 @@ from model.provenance import provenance
 from service.encoding.encoder import Encoder
 from service.runtime.batcher import MAX_BATCH, Batcher
 from service.settings import SHIPPED_MODEL
-from tests.support.processes import SERVER_CORE, others, pin_to
+from tests.support.resources import SERVER_CORE, others, pin_to
 
 FOLDER: Final = Path(__file__).resolve().parent
 PARTS: Final = ("batching", "overload", "tried", "peers", "faults", "fuzz")

@@ -16,7 +16,8 @@ from benchmarks.generator import Answers, closed_loop, open_loop, probe
 from benchmarks.photos import photos
 from benchmarks.report import Asked
 from service.settings import MIB
-from tests.support.processes import SERVER_CORE, cpu_s, given_s, hof, serving, status_bytes, threads
+from tests.support.processes import hof, serving
+from tests.support.resources import SERVER_CORE, cpu_s, given_s, status_bytes, threads
 
 OVERLOAD: Final = 3  # times the peak
 CLIENTS: Final = (16, 64)  # of a closed loop

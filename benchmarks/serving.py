@@ -13,7 +13,8 @@ from benchmarks.timing import Seconds, seconds
 from service.formats.weights import Weights, dump
 from service.mapping.sampler import sample
 from service.mapping.spec import HOF_1, initial_theta
-from tests.support.processes import hof, others, reset_peak, serving, status_bytes
+from tests.support.processes import hof, serving
+from tests.support.resources import others, reset_peak, status_bytes
 
 SPEC: Final = HOF_1.with_k(2)
 LARGE: Final = 10_000_000

@@ -24,7 +24,8 @@ from model.provenance import provenance
 from service.formats.weights import Weights, dump
 from service.mapping.spec import HOF_1, initial_theta
 from service.settings import MIB
-from tests.support.processes import SERVER_CORE, hof, others, pin_to, serving, status_bytes
+from tests.support.processes import hof, serving
+from tests.support.resources import SERVER_CORE, others, pin_to, status_bytes
 
 CLIENTS: Final = 8
 SAMPLES: Final = 400  # of resident memory

@@ -13,9 +13,9 @@ from PIL import Image
 from playwright.sync_api import Browser, ConsoleMessage, Page, expect, sync_playwright
 
 from service.settings import SHIPPED_MODEL, Settings
+from tests.support import ROOT
 from tests.support.server import running
 
-ROOT = Path(__file__).parents[2]
 PICTURES = ROOT / "out" / "viewer"
 WEBGL = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 TIMEOUT_MS = 60_000
@@ -25,7 +25,7 @@ INK = 40  # of 255: by how much a pixel differs from the panel's white to be a p
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
     chromium = shutil.which("chromium")
-    assert chromium, "the page is tested in Debian's chromium: tests/system.sh installs it"
+    assert chromium, "the page is tested in Debian's chromium: tests/support/system.sh installs it"
     PICTURES.mkdir(parents=True, exist_ok=True)
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=WEBGL)

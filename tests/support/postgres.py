@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.processes import free_port
+
 USER = "postgres"  # neither server runs as root
 FAST = "-c fsync=off -c synchronous_commit=off -c full_page_writes=off -c shared_buffers=16MB -c max_connections=50"
 START_TIMEOUT_S = 120
@@ -76,12 +78,6 @@ def running_postgres() -> Iterator[Postgres]:
             subprocess.run([*control, "-m", "immediate", "stop"], check=True, stdout=subprocess.DEVNULL, cwd=folder)
 
 
-def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        port: int = probe.getsockname()[1]
-    return port
-
-
 def _unprivileged() -> list[str]:
     return ["setpriv", f"--reuid={USER}", f"--regid={USER}", "--clear-groups"] if os.geteuid() == 0 else []
 
@@ -90,7 +86,7 @@ def _tool(name: str) -> str:
     """A program on the path, or of the newest PostgreSQL where Debian puts it."""
     folders = sorted(Path("/usr/lib/postgresql").glob("*/bin"), key=lambda folder: int(folder.parent.name))
     found = shutil.which(name, path=os.pathsep.join([*map(str, reversed(folders)), os.environ["PATH"], "/usr/sbin"]))
-    assert found, f"the tests need {name}: tests/system.sh installs it"
+    assert found, f"the tests need {name}: tests/support/system.sh installs it"
     return found
 
 

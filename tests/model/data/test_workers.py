@@ -9,7 +9,7 @@ from pathlib import Path
 import httpx
 
 from tests.support.photos import disc, image_file
-from tests.support.server import hof_serve
+from tests.support.processes import hof_serve
 
 OBJECTS = 6
 

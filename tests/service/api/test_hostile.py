@@ -19,9 +19,10 @@ from PIL import Image
 
 from service.api.middleware.observe import MAX_PATH
 from tests.support.photos import disc, image_file
-from tests.support.processes import reset_peak, status_bytes
+from tests.support.processes import hof_serve
 from tests.support.raw_sockets import connect, rest
-from tests.support.server import Server, check_refused, hof_serve
+from tests.support.resources import reset_peak, status_bytes
+from tests.support.server import Server, check_refused
 from tests.support.slow import until
 
 MIB = 2**20

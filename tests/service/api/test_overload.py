@@ -24,7 +24,8 @@ from service.runtime.cost import in_flight
 from service.settings import Settings
 from service.storage import database
 from service.storage.database import SQLITE_CONNECTIONS, OnThreads
-from tests.support.processes import hof, others, serving, threads
+from tests.support.processes import hof, serving
+from tests.support.resources import others, threads
 from tests.support.server import Server, check_refused, running
 from tests.support.slow import DEADLINE_S, PATH, plain, runtime_of, until
 from tests.support.small.model import SPEC

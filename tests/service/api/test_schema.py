@@ -11,7 +11,8 @@ from pathlib import Path
 
 import httpx
 
-from tests.support.server import ROOT, hof_serve
+from tests.support import ROOT
+from tests.support.processes import hof_serve
 
 EXAMPLES, SEED = 15, 1
 RUN_TIMEOUT_S = 580

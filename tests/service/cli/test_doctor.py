@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.server import ROOT
+from tests.support import ROOT
 
 TIMEOUT_S = 300
 

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, example, given, seed, settings, strategies
 
 from service.encoding.framing import Framing, preprocess
 from tests.support.mutations import MUTATIONS, mutant, mutated, seeds
-from tests.support.server import hof_serve
+from tests.support.processes import hof_serve
 
 COUNT = 400
 TOO_LARGE = 31  # a number whose image claims more pixels than the limit: one in 200 does

@@ -17,7 +17,7 @@ from service.formats.weights import load
 from service.mapping.spec import apply, compose, word_of
 from service.mapping.surface import shells
 from tests.support.colored_objects import check_none_leaves_colour_out, encoded, file_of
-from tests.support.gltf_validator import check_valid
+from tests.support.gltf import check_valid
 
 RESOLUTION = 16
 COLORED = [name for name, fmt in MESH_FORMATS.items() if fmt.holds_color]

@@ -16,7 +16,7 @@ from service.mapping.canonical import canonical_points
 from service.mapping.cloud import Part
 from service.mapping.sampler import bounds
 from service.mapping.spec import Array
-from tests.support.gltf_validator import check_valid, gltf_report
+from tests.support.gltf import check_valid, gltf_report
 from tests.support.small.clouds import BINARY, EVERY, FORMATS, TEXT, TWO, Given, colored, colors_of, file_of, label
 
 

@@ -13,8 +13,9 @@ import pytest
 from service.api.middleware.security_headers import SECURE
 from service.server.http_protocol import MAX_HEAD_BYTES, PUNCTUATION
 from service.settings import Settings
+from tests.support.processes import hof_serve
 from tests.support.raw_sockets import connect, next_status, rest
-from tests.support.server import Server, hof_serve, running
+from tests.support.server import Server, running
 from tests.support.slow import DEADLINE_S, runtime_of, until
 
 LINE = b"GET /health/live HTTP/1.1\r\nHost: x\r\n"

@@ -10,10 +10,10 @@ from pathlib import Path
 import httpx
 import pytest
 
-from benchmarks.kills import SPEC, Ledger, kill, lost, stop
 from service.formats.weights import Weights, dump
 from service.mapping.spec import initial_theta
-from tests.support.processes import Served, is_ready, killable
+from tests.support.ledger import SPEC, Ledger, kill, lost, stop
+from tests.support.processes import Served, flags, hof_serve, is_ready
 
 KILLS = 10
 POINTS = 4_000_000  # as f32 more than the sockets' buffers hold
@@ -21,29 +21,29 @@ FILE = dump(Weights(SPEC, initial_theta(SPEC), "m"), "safetensors")
 
 
 def test_what_was_acknowledged_survives_sigkill(tmp_path: Path, model_path: Path) -> None:
-    draw, ledger, database = random.Random(0), Ledger(), tmp_path / "hof.db"
+    draw, ledger = random.Random(0), Ledger()
     for _ in range(KILLS):
-        kill(database, ledger, 1 + draw.randrange(40), model=model_path)
-        assert lost(database, ledger) == []
+        kill(tmp_path, ledger, 1 + draw.randrange(40), model=model_path)
+        assert lost(tmp_path, ledger) == []
     assert len(ledger.words) >= 4
-    with killable(f"sqlite:///{database}", model=model_path) as served:
-        assert lost(database, ledger, served.url) == []
+    with hof_serve(tmp_path, model_path) as served:
+        assert lost(tmp_path, ledger, served.url) == []
 
 
 def test_what_is_lost_is_noticed(tmp_path: Path, model_path: Path) -> None:
-    ledger, database = Ledger(), tmp_path / "hof.db"
-    kill(database, ledger, 8, model=model_path)
+    ledger = Ledger()
+    kill(tmp_path, ledger, 8, model=model_path)
     name = next(iter(ledger.thetas))
     ledger.thetas |= {"0" * 32: b"", name: b"other"}
-    assert sorted(lost(database, ledger)) == sorted(["0" * 32, name])
+    assert sorted(lost(tmp_path, ledger)) == sorted(["0" * 32, name])
 
 
 def test_sigterm_loses_no_call_of_clients_that_go_on_until_they_are_refused(tmp_path: Path, model_path: Path) -> None:
-    ledger, database = Ledger(), tmp_path / "hof.db"
-    stop(database, ledger, model=model_path)
+    ledger = Ledger()
+    stop(tmp_path, ledger, model=model_path)
     assert ledger.broken == []
     assert len(ledger.thetas) > 4
-    assert lost(database, ledger) == []
+    assert lost(tmp_path, ledger) == []
 
 
 def _connect(served: Served, request: str) -> socket.socket:
@@ -73,7 +73,7 @@ def _closes(served: Served) -> threading.Thread:
 
 
 def test_while_it_drains_it_is_unready_serves_on_and_ends_what_has_begun(tmp_path: Path, model_path: Path) -> None:
-    with killable(f"sqlite:///{tmp_path / 'hof.db'}", model=model_path, drain_s=3600, shutdown_s=120) as served:
+    with hof_serve(tmp_path, model_path, *flags(drain_s=3600, shutdown_s=120)) as served:
         links = httpx.post(f"{served.url}/objects", content=FILE).json()["links"]
         download = _connect(served, f"GET {links['points']}?n={POINTS}&format=f32 HTTP/1.1\r\nHost: x\r\n\r\n")
         head = download.recv(1000)
@@ -104,7 +104,7 @@ def test_a_client_that_does_not_read_holds_the_stop_up_for_so_long_only(
     tmp_path: Path, model_path: Path, first: signal.Signals
 ) -> None:
     settings = {"drain_s": 0 if first == signal.SIGTERM else 3600, "shutdown_s": 1}
-    with killable(f"sqlite:///{tmp_path / 'hof.db'}", model=model_path, **settings) as served:
+    with hof_serve(tmp_path, model_path, *flags(**settings)) as served:
         links = httpx.post(f"{served.url}/objects", content=FILE).json()["links"]
         with _connect(served, f"GET {links['points']}?n={POINTS}&format=f32 HTTP/1.1\r\nHost: x\r\n\r\n") as stuck:
             stuck.recv(1000)

@@ -6,7 +6,8 @@ from pathlib import Path
 import httpx
 import pytest
 
-from tests.support.server import ROOT, hof_serve
+from tests.support import ROOT
+from tests.support.processes import hof_serve
 
 ARENA = 64 * 2**20  # bytes of addresses that glibc reserves for one, aligned to them: some in use, the rest barred
 

@@ -16,7 +16,7 @@ import pytest
 from service.formats.weights import Weights, dump
 from service.mapping.spec import HOF_1, initial_theta
 from tests.support.postgres import Postgres
-from tests.support.processes import Served, killable
+from tests.support.processes import Served, hof_serve
 
 SPEC = HOF_1.with_k(2)
 NAMESPACE = ["unshare", "--mount"] if os.geteuid() == 0 else ["unshare", "--map-root-user", "--mount"]
@@ -29,7 +29,7 @@ Limit = Callable[[Path, Path], AbstractContextManager[tuple[Served, Path, Grow]]
 def _small_file_system(folder: Path, model: Path) -> Iterator[tuple[Served, Path, Grow]]:
     """A service whose database lies on a file system of 1 MiB, half of it taken; growing frees that half."""
     mount = [*NAMESPACE, "sh", "-c", MOUNT, str(folder)]
-    with killable(f"sqlite:///{folder}/hof.db", *mount, model=model) as served:
+    with hof_serve(folder, model, prefix=mount) as served:
         seen = Path(f"/proc/{served.process.pid}/root{folder}")
         ballast = seen / "ballast"
         ballast.write_bytes(bytes(500_000))
@@ -40,7 +40,7 @@ def _small_file_system(folder: Path, model: Path) -> Iterator[tuple[Served, Path
 def _file_size_limit(folder: Path, model: Path) -> Iterator[tuple[Served, Path, Grow]]:
     """A service none of whose files may exceed 300 kB; growing lifts the limit."""
     unlimited = (resource.RLIM_INFINITY, resource.RLIM_INFINITY)
-    with killable(f"sqlite:///{folder}/hof.db", model=model) as served:
+    with hof_serve(folder, model) as served:
         pid = served.process.pid
         resource.prlimit(pid, resource.RLIMIT_FSIZE, (300_000, resource.RLIM_INFINITY))
         yield served, folder / "hof.db", lambda: resource.prlimit(pid, resource.RLIMIT_FSIZE, unlimited)

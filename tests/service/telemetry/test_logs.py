@@ -13,7 +13,7 @@ from typing import Any
 import httpx
 
 from service.api.keys import make_key
-from tests.support.server import hof_serve
+from tests.support.processes import hof_serve
 
 
 @contextmanager

@@ -14,10 +14,10 @@ from playwright.sync_api import Browser, Page, expect
 from service.api.routes import viewer
 from service.mapping.spec import MappingSpec
 from service.settings import SHIPPED_MODEL, Settings
+from tests.support import ROOT
 from tests.support.browsing import (
     INK,
     PICTURES,
-    ROOT,
     TIMEOUT_MS,
     curl_line,
     inked,

@@ -16,7 +16,7 @@ from service.mapping.sampler import Sampler
 from service.mapping.spec import word_of
 from service.mapping.surface import RESOLUTIONS, surface_of
 from service.options import MeshFormatName
-from tests.support.gltf_validator import check_valid
+from tests.support.gltf import check_valid
 from tests.support.photos import disc, image_file
 from tests.support.server import check_refused
 

@@ -1,4 +1,4 @@
-"""The Khronos glTF validator, run by Node; `npm ci` in tests/gltf installs it."""
+"""The Khronos glTF validator, run by Node; `npm ci` here installs it."""
 
 import json
 import shutil
@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-_FOLDER = Path(__file__).parent / "gltf"
+_FOLDER = Path(__file__).parent
 TIMEOUT_S = 60
 
 
@@ -18,7 +18,7 @@ def gltf_report(glb: bytes, folder: Path) -> dict[str, Any]:
     if node is None:
         pytest.fail("Node is not installed: the glTF tests run the Khronos validator with it")
     if not (_FOLDER / "node_modules" / "gltf-validator").is_dir():
-        pytest.fail("the Khronos validator is not installed: run `npm ci` in tests/gltf")
+        pytest.fail("the Khronos validator is not installed: run `npm ci --prefix tests/support/gltf`")
     path = folder / "validated.glb"
     path.write_bytes(glb)
     run = subprocess.run(
