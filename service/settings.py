@@ -14,7 +14,7 @@ from limits import parse
 from pydantic import BeforeValidator, Field, field_validator
 from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
 
-from service.encoding.framing import DEFAULT_MAX_PIXELS
+from service.encoding.decode import DEFAULT_MAX_PIXELS
 
 LogFormat = Literal["json", "text"]
 

@@ -22,8 +22,9 @@ from model.evaluation.references import Retrieval, Training
 from model.metrics import interval
 from model.provenance import provenance
 from model.report.tables import find, spread, table
+from service.encoding.decode import decode
 from service.encoding.encoder import Encoder
-from service.encoding.framing import decode, frame, over_white
+from service.encoding.framing import frame, over_white
 from service.mapping.color import ColorSampler
 
 Floats = npt.NDArray[np.float32]

@@ -22,7 +22,7 @@ from service.api.openapi import openapi_text
 from service.api.responses import RETRY_AFTER, Problem
 from service.api.routes import compose, encode, health, inference, mesh, metrics, objects, viewer
 from service.api.wire.disconnects import Patience
-from service.encoding.framing import ignore_remarks
+from service.encoding.decode import ignore_metadata_warnings
 from service.encoding.matting import Matting
 from service.encoding.registry import Models
 from service.errors import InvalidParameter
@@ -97,7 +97,7 @@ async def _lifespan(settings: Settings, app: FastAPI) -> AsyncIterator[None]:
         matting = await asyncio.to_thread(Matting.of, settings.matting_model, settings.threads)
         await asyncio.to_thread(compiled.load)
         hold_blas_to_one_thread()
-        ignore_remarks()
+        ignore_metadata_warnings()
         store = await Store.open(settings.database_url)
         app.state.runtime = Runtime(settings, models, matting, store, executor, app.state.metrics)
         try:

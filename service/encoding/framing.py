@@ -5,22 +5,16 @@ a model for it) -> square crop around the object -> resize -> composite over whi
 float32 in [0, 1].
 """
 
-import io
-import struct
-import warnings
-import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from PIL import Image, ImageChops, ImageFile, ImageOps
-from PIL.JpegImagePlugin import JpegImageFile
-from PIL.PngImagePlugin import PngImageFile
-from PIL.WebPImagePlugin import WebPImageFile
+from PIL import Image, ImageChops
 
-from service.errors import CorruptImage, InvalidParameter, NoObjectFound, TooLarge, UnsupportedMedia
+from service.encoding.decode import DEFAULT_MAX_PIXELS, WORK_SIDE, decode_with_size
+from service.errors import InvalidParameter, NoObjectFound
 
 Background = Literal["auto", "keep", "remove"]
 Mask = Literal["alpha", "border", "matting", "none"]
@@ -28,9 +22,6 @@ Box = tuple[int, int, int, int]
 Matte = npt.NDArray[np.uint8]  # (H, W), 255 where the object surely is
 MattingFunction = Callable[[Image.Image], Matte]  # of an RGB image; service.encoding.matting has one
 
-DEFAULT_MAX_PIXELS: Final = 32_000_000
-MAX_SIDE: Final = 65_535
-WORK_SIDE: Final = 1024  # longest side on which masks are found and crops are taken
 ALPHA_FLOOR: Final = 8  # of 255; fainter pixels are background
 BORDER_TOLERANCE: Final = 12  # of 255, largest channel difference to the border's median
 BORDER_SOFTNESS: Final = 16  # of 255; over this the matte rises from 0 to 1
@@ -45,18 +36,6 @@ NO_MASK: Final = (
 
 # The matte by the largest difference of a channel from the border's colour.
 _RAMP: Final = ((np.arange(256) - BORDER_TOLERANCE) * (255 / BORDER_SOFTNESS)).clip(0, 255).astype(int).tolist()
-
-_DECODE_ERRORS = (
-    OSError,
-    SyntaxError,
-    ValueError,
-    IndexError,
-    KeyError,
-    EOFError,
-    OverflowError,
-    struct.error,
-    zlib.error,
-)
 
 
 @dataclass(frozen=True)
@@ -103,21 +82,6 @@ class Framed:
     height: int
 
 
-def decode(data: bytes, max_pixels: int = DEFAULT_MAX_PIXELS) -> Image.Image:
-    """Decode a PNG, JPEG or WebP, told by its content, to an upright RGB or RGBA image.
-
-    Sixteen-bit samples are reduced to eight; palettes, grey and CMYK become RGB; of an animation the
-    first frame counts.
-
-    Raises
-    ------
-    UnsupportedMedia : the bytes are none of the three types.
-    TooLarge : the header announces more than `max_pixels`; nothing is decoded then.
-    CorruptImage : the bytes break off or make no sense.
-    """
-    return _decode(data, max_pixels)[0]
-
-
 def frame(
     image: Image.Image, framing: Framing, background: Background = "auto", matting: MattingFunction | None = None
 ) -> Crop:
@@ -156,7 +120,7 @@ def preprocess(
     matting: MattingFunction | None = None,
 ) -> Framed:
     """A photo's bytes -> the encoder's input. Raises as `decode` and `frame` do."""
-    image, (width, height) = _decode(data, max_pixels)
+    image, (width, height) = decode_with_size(data, max_pixels)
     crop = frame(image, framing, background, matting)
     x, y = width / image.width, height / image.height  # above 1 where a JPEG was decoded at a part of its size
     left, top, right, bottom = crop.box
@@ -170,61 +134,6 @@ def over_white(rgba: Image.Image) -> npt.NDArray[np.float32]:
     alpha = pixels[..., 3:]
     rgb = pixels[..., :3] * alpha + (1 - alpha)
     return np.ascontiguousarray(rgb.transpose(2, 0, 1)[None])  # (1, 3, size, size)
-
-
-def ignore_remarks() -> None:
-    """Keep Pillow's warnings out of the log, in the whole process: they are about the metadata of clients' files."""
-    warnings.filterwarnings("ignore", module=r"PIL\.")
-
-
-def _opener(data: bytes) -> type[ImageFile.ImageFile]:
-    if data.startswith(b"\x89PNG\r\n\x1a\n"):
-        return PngImageFile
-    if data.startswith(b"\xff\xd8\xff"):
-        return JpegImageFile
-    if data[:4] == b"RIFF" and data[8:12] == b"WEBP":
-        return WebPImageFile
-    raise UnsupportedMedia("the body is no PNG, JPEG or WebP image", field="image")
-
-
-def _decode(data: bytes, max_pixels: int) -> tuple[Image.Image, tuple[int, int]]:
-    """As `decode`, and the width and height that the upright image has in full size."""
-    opener = _opener(data)
-    try:
-        image = opener(io.BytesIO(data))
-        width, height = image.size
-        if width * height > max_pixels or max(width, height) > MAX_SIDE:
-            raise TooLarge(f"the image has {width} x {height} pixels, the limit is {max_pixels} in all", field="image")
-        if isinstance(image, JpegImageFile):
-            image.draft("RGB", (WORK_SIDE, WORK_SIDE))  # decodes at 1/2, 1/4 or 1/8 where that is enough
-        image.load()
-        upright = ImageOps.exif_transpose(image)
-        return _to_rgb(upright), (width, height) if upright.size == image.size else (height, width)
-    except Image.DecompressionBombError as error:  # Pillow's own limit, before it makes a WebP decoder
-        raise TooLarge(f"the image has more than {max_pixels} pixels, the limit", field="image") from error
-    except _DECODE_ERRORS as error:
-        raise CorruptImage("the image is truncated or corrupt", field="image") from error
-
-
-def _to_rgb(image: Image.Image) -> Image.Image:
-    """Any mode -> RGBA where some pixel is transparent, else RGB."""
-    if image.mode.startswith("I"):  # 16-bit grey: convert() would clip, not scale
-        return _from_grey16(np.asarray(image).astype(np.int64), image.info.get("transparency"))
-    if image.has_transparency_data:
-        rgba = image.convert("RGBA")
-        low, _ = rgba.getchannel("A").getextrema()
-        return rgba if low != 255 else rgba.convert("RGB")
-    return image.convert("RGB")
-
-
-def _from_grey16(values: npt.NDArray[np.int64], transparent: int | None) -> Image.Image:
-    """Grey of 16 bits -> RGB, or RGBA where one value stands for transparent (PNG's tRNS)."""
-    grey = Image.fromarray((values >> 8).clip(0, 255).astype(np.uint8))
-    if transparent is None or not (values == transparent).any():
-        return grey.convert("RGB")
-    rgba = grey.convert("RGBA")
-    rgba.putalpha(Image.fromarray(np.where(values == transparent, 0, 255).astype(np.uint8)))
-    return rgba
 
 
 def _matte(image: Image.Image, matting: MattingFunction | None) -> tuple[Mask, Matte | None]:

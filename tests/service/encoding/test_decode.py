@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from PIL import Image, ImageFile
 from PIL.WebPImagePlugin import WebPImageFile
 
-from service.encoding.framing import Framing, decode, preprocess
+from service.encoding.decode import decode
+from service.encoding.framing import Framing, preprocess
 from service.errors import CorruptImage, NoObjectFound, TooLarge, UnsupportedMedia
 from tests.support.photos import disc, image_file
 

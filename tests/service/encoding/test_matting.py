@@ -11,8 +11,9 @@ import pytest
 import skimage.data
 from PIL import Image
 
+from service.encoding.decode import decode
 from service.encoding.encoder import Encoder
-from service.encoding.framing import Framing, decode, preprocess
+from service.encoding.framing import Framing, preprocess
 from service.encoding.matting import KEPT, Matting
 from service.errors import InvalidModel, NoObjectFound
 from service.settings import Settings
