@@ -8,7 +8,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
-from pydantic import BaseModel
+from pydantic import BaseModel, ValidationError
 
 from service.drawing.words import MAX_POINTS, label, rows_of_words, sheet
 from service.encoding.encoder import Encoder
@@ -21,12 +21,14 @@ from service.formats.points.registry import POINT_FORMATS, PointFormat, write
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
 from service.mapping.sampler import Sampler
 from service.mapping.spec import Array, Functions, MappingSpec, joined
-from service.options import EncodeQuery, MeshQuery, PointsQuery
+from service.options import EncodeOptions, MeshOptions, PointOptions
 from service.runtime.composition import Member, check
 from service.runtime.cost import check_size
+from service.runtime.shapes import cloud_of, functions_for, mesh_of
 from service.settings import POINTS_CEILING, Settings
 
 Format = TypeVar("Format", PointFormat, MeshFormat)
+Options = TypeVar("Options", EncodeOptions, PointOptions, MeshOptions)
 
 PICTURE: Final = ".png"
 
@@ -34,17 +36,17 @@ PICTURE: Final = ".png"
 def encode(arguments: argparse.Namespace) -> None:
     """Encode the photo of one object and write its points, or its weights as .safetensors."""
     settings = settings_of(arguments)
-    query = EncodeQuery(**given(arguments, EncodeQuery) | {"model": None})
+    options = _options(arguments, EncodeOptions)
     as_weights = arguments.output.suffix == WEIGHT_FORMATS["safetensors"].extension
     if not as_weights:
-        _points_query(arguments)  # refuses before the work is done
+        _point_options(arguments)  # refuses before the work is done
     encoder = Encoder.open(settings.model[0], settings.threads)
     framing = encoder.framing
-    if query.foreground_ratio is not None:
-        framing = replace(framing, foreground_ratio=query.foreground_ratio)
+    if options.foreground_ratio is not None:
+        framing = replace(framing, foreground_ratio=options.foreground_ratio)
     matting = Matting.of(settings.matting_model, settings.threads)
     photo = arguments.photo.read_bytes()
-    framed = preprocess(photo, framing, query.background, settings.max_image_pixels, matting)
+    framed = preprocess(photo, framing, options.background, settings.max_image_pixels, matting)
     functions = encoder.encode(framed.tensor)[0]
     if as_weights:
         weights = Weights(encoder.spec, functions.theta, encoder.name, color=functions.color)
@@ -55,7 +57,7 @@ def encode(arguments: argparse.Namespace) -> None:
 
 def sample(arguments: argparse.Namespace) -> None:
     """Sample a weights file: the same points as the service gives for the object."""
-    _points_query(arguments)
+    _point_options(arguments)
     weights = _load(arguments.weights)
     _write_points(arguments, weights.spec, weights.functions)
 
@@ -63,10 +65,10 @@ def sample(arguments: argparse.Namespace) -> None:
 def mesh(arguments: argparse.Namespace) -> None:
     """Write the surface of a weights file: the same triangles as the service gives for the object."""
     fmt = _format(arguments.output, MESH_FORMATS)
-    query = MeshQuery(**given(arguments, MeshQuery))
+    options = _options(arguments, MeshOptions)
     weights = _load(arguments.weights)
-    surface = query.surface(weights.spec, query.shown(weights.functions, holds_color=fmt.holds_color))
-    _write(arguments.output, [fmt.dump(surface)])
+    functions = functions_for(weights.functions, options.color, holds_color=fmt.holds_color)
+    _write(arguments.output, [fmt.dump(mesh_of(weights.spec, functions, options))])
 
 
 def compose(arguments: argparse.Namespace) -> None:
@@ -74,7 +76,7 @@ def compose(arguments: argparse.Namespace) -> None:
     As .png: a picture of the words over two files, A and B; all of k = 2, those from A to B of a larger k."""
     as_picture = arguments.output.suffix == PICTURE
     if not as_picture:
-        _points_query(arguments)
+        _point_options(arguments)
     word = [_load(path) for path in arguments.weights]
     kinds = ((each.spec, bool(each.word), each.color.spec if each.color else None) for each in word)
     members = [Member(str(path), *kind) for path, kind in zip(arguments.weights, kinds, strict=True)]
@@ -106,6 +108,16 @@ def given(arguments: argparse.Namespace, model: type[BaseModel]) -> dict[str, An
     return {name: value for name, value in vars(arguments).items() if name in model.model_fields and value is not None}
 
 
+def _options(arguments: argparse.Namespace, model: type[Options]) -> Options:
+    """Return the options that the flags set, the rest at their defaults. Raises InvalidParameter."""
+    try:
+        return model(**given(arguments, model))
+    except ValidationError as error:
+        first = error.errors()[0]
+        field = str(first["loc"][0])
+        raise InvalidParameter(f"{field}: {first['msg']}, not {first['input']!r}", field=field) from error
+
+
 def _load(path: Path) -> Weights:
     """A weights file. Raises CorruptWeights or InvalidSpec, which name it."""
     try:
@@ -114,12 +126,12 @@ def _load(path: Path) -> Weights:
         raise type(error)(f"{path}: {error.detail}") from error
 
 
-def _points_query(arguments: argparse.Namespace) -> tuple[PointFormat, PointsQuery]:
-    """What to sample, and the format that the output's suffix tells."""
+def _point_options(arguments: argparse.Namespace) -> tuple[PointFormat, PointOptions]:
+    """Return the format that the output's suffix names, and the points to compute. Raises InvalidParameter."""
     fmt = _format(arguments.output, POINT_FORMATS)
-    query = PointsQuery(**given(arguments, PointsQuery))
-    check_size(fmt, query.n, POINTS_CEILING)
-    return fmt, query
+    options = _options(arguments, PointOptions)
+    check_size(fmt, options.n, POINTS_CEILING)
+    return fmt, options
 
 
 def _format(path: Path, formats: Mapping[str, Format]) -> Format:
@@ -131,22 +143,24 @@ def _format(path: Path, formats: Mapping[str, Format]) -> Format:
 
 
 def _write_points(arguments: argparse.Namespace, spec: MappingSpec, functions: Functions) -> None:
-    fmt, query = _points_query(arguments)
-    cloud = query.cloud(spec, functions)
+    fmt, options = _point_options(arguments)
+    cloud = cloud_of(spec, functions, options)
     _write(arguments.output, write(fmt.holding(color=cloud.functions.color is not None), cloud))
 
 
 def _write_sheet(arguments: argparse.Namespace, spec: MappingSpec, thetas: Sequence[Array]) -> None:
     """A picture of the words over A and B, whose thetas these are, (spec.size,) each."""
-    query = PointsQuery(**given(arguments, PointsQuery))
-    if query.n > MAX_POINTS:
-        raise InvalidParameter(f"n is {query.n}, a picture shows at most {MAX_POINTS} points of a word", field="n")
-    if query.scale != 1:
+    options = _options(arguments, PointOptions)
+    if options.n > MAX_POINTS:
+        raise InvalidParameter(f"n is {options.n}, a picture shows at most {MAX_POINTS} points of a word", field="n")
+    if options.scale != 1:
         raise InvalidParameter("a picture has no scale", field="scale")
 
     def points(word: str) -> Array:
         functions = tuple(thetas["AB".index(letter)] for letter in word)
-        return Sampler(spec.with_k(len(word)), functions).points(query.n, seed=query.seed, sampling=query.sampling)
+        return Sampler(spec.with_k(len(word)), functions).points(
+            options.n, seed=options.seed, sampling=options.sampling
+        )
 
     rows = [[(label(word, spec.k), points(word)) for word in row] for row in rows_of_words(spec.k)]
     names = (f"{letter}: {path.stem}" for letter, path in zip("AB", arguments.weights, strict=True))

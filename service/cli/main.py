@@ -16,7 +16,7 @@ from service.errors import HofError
 from service.formats.mesh.registry import MESH_FORMATS
 from service.formats.points.registry import POINT_FORMATS
 from service.formats.weights import WEIGHT_FORMATS
-from service.options import MeshQuery, PointsQuery
+from service.options import MeshOptions, PointOptions
 from service.settings import Settings
 
 FAILED: Final = 2
@@ -87,7 +87,7 @@ def _add_commands(stages: "argparse._SubParsersAction[argparse.ArgumentParser]")
     mesh = stages.add_parser("mesh", help="a weights file to a surface", description=files.mesh.__doc__)
     mesh.add_argument("weights", type=Path, help="a .safetensors file of hof or of the service")
     _add_output(mesh, [fmt.extension for fmt in MESH_FORMATS.values()])
-    _add_fields(mesh, MeshQuery, ["resolution", "scale", "color"])
+    _add_fields(mesh, MeshOptions, ["resolution", "scale", "color"])
     mesh.set_defaults(run=files.mesh)
 
     compose = stages.add_parser(
@@ -123,7 +123,7 @@ def _add_output(parser: argparse.ArgumentParser, suffixes: list[str]) -> None:
 
 
 def _add_sampling(parser: argparse.ArgumentParser) -> None:
-    _add_fields(parser, PointsQuery, ["n", "seed", "scale", "sampling", "color"])
+    _add_fields(parser, PointOptions, ["n", "seed", "scale", "sampling", "color"])
 
 
 def _add_fields(parser: argparse.ArgumentParser, model: type[BaseModel], names: Sequence[str]) -> None:

@@ -9,13 +9,13 @@ from pydantic import ValidationError
 from starlette.requests import Request
 from starlette.responses import Response
 
+from service.api.queries import Composition, NoQuery
 from service.api.responses import OVERLOADED, ComposedObjects, Problem, StoredObject
 from service.api.wire.disconnects import while_there
 from service.api.wire.uploads import read_body
 from service.errors import InvalidInput, NotFound
 from service.mapping.cloud import PROBE_POINTS
 from service.mapping.spec import Functions
-from service.options import Composition, NoQuery
 from service.runtime.composition import Proposal, check_stored, check_values, propose
 from service.runtime.cost import check_cost, cost_of
 from service.runtime.parts import Ready, Runtime

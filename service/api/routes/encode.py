@@ -10,6 +10,7 @@ from fastapi import APIRouter, Query
 from starlette.requests import Request
 from starlette.responses import Response
 
+from service.api.queries import EncodeQuery
 from service.api.responses import OVERLOADED, EncodedObject, EncodedWeights, Problem
 from service.api.routes.file_answers import BINARY
 from service.api.wire.disconnects import while_there
@@ -17,7 +18,6 @@ from service.api.wire.uploads import read_image, size_ahead
 from service.encoding.encoder import Encoder
 from service.encoding.framing import Framed, preprocess
 from service.mapping.spec import Functions
-from service.options import EncodeQuery
 from service.runtime.batcher import Batcher
 from service.runtime.parts import Ready, Runtime
 from service.storage.ids import encoded_id

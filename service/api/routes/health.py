@@ -6,9 +6,9 @@ from typing import Annotated
 from fastapi import APIRouter, Query
 from starlette.requests import Request
 
+from service.api.queries import ModelQuery, NoQuery
 from service.api.responses import Health, Model, ModelList
 from service.errors import NotReady
-from service.options import ModelQuery, NoQuery
 from service.runtime.liveness import Vital
 from service.runtime.parts import Ready
 

@@ -23,6 +23,7 @@ from service.api.inference_protocol import (
     request_schema,
     tensors,
 )
+from service.api.queries import NoQuery
 from service.api.responses import OVERLOADED, Problem
 from service.api.routes.file_answers import BINARY
 from service.api.routes.health import check
@@ -31,7 +32,6 @@ from service.api.wire.uploads import read_body, size_ahead
 from service.encoding.encoder import Encoder
 from service.errors import InvalidParameter, NotFound, UnsupportedMedia
 from service.mapping.spec import Array, Functions
-from service.options import NoQuery
 from service.runtime.batcher import Batcher
 from service.runtime.parts import Ready
 

@@ -6,15 +6,16 @@ from fastapi import APIRouter, Query
 from starlette.requests import Request
 from starlette.responses import Response
 
+from service.api.queries import MeshQuery
 from service.api.routes.file_answers import NOT_ACCEPTABLE, ObjectId, attachment, cached, file_responses, head
 from service.api.wire.caching import etag, is_fresh
 from service.api.wire.disconnects import while_there
 from service.api.wire.negotiation import negotiate
 from service.formats.mesh.registry import MESH_FORMATS, MeshFormat
 from service.mapping.spec import Functions, MappingSpec
-from service.options import MeshQuery
 from service.runtime.cost import check_cost, cost_of
 from service.runtime.parts import Ready
+from service.runtime.shapes import functions_for, mesh_of
 
 router = APIRouter(prefix="/objects", tags=["objects"])
 
@@ -34,8 +35,8 @@ async def mesh(request: Request, id_: ObjectId, query: Annotated[MeshQuery, Quer
     accept = request.headers.get("accept")
     fmt = MESH_FORMATS[query.format] if query.format else negotiate(accept, MESH_FORMATS.values())
     record, functions = await runtime.store.get(id_)
-    shown = query.shown(functions, holds_color=fmt.holds_color)
-    n, cost = 20 * query.resolution**2, cost_of(record.spec, shown)
+    functions = functions_for(functions, query.color, holds_color=fmt.holds_color)
+    n, cost = 20 * query.resolution**2, cost_of(record.spec, functions)
     check_cost(n, cost, runtime.settings.max_points, "resolution")
     headers = cached(etag(id_, "mesh", fmt.name, query.model_dump(exclude={"format"}))) | {"Vary": "Accept"}
     if is_fresh(request.headers.get("if-none-match"), headers["ETag"]):
@@ -44,9 +45,9 @@ async def mesh(request: Request, id_: ObjectId, query: Annotated[MeshQuery, Quer
     if "hof.head" in request.scope:
         return head(headers, fmt.media_type)
     with runtime.gates.points.admit(n * cost):
-        data = await while_there(request, runtime.run(_file, fmt, record.spec, shown, query))
+        data = await while_there(request, runtime.run(_file, fmt, record.spec, functions, query))
     return Response(data, headers=headers, media_type=fmt.media_type)
 
 
-def _file(fmt: MeshFormat, spec: MappingSpec, shown: Functions, query: MeshQuery) -> bytes:
-    return fmt.dump(query.surface(spec, shown))
+def _file(fmt: MeshFormat, spec: MappingSpec, functions: Functions, query: MeshQuery) -> bytes:
+    return fmt.dump(mesh_of(spec, functions, query))

@@ -7,7 +7,7 @@ from fastapi import APIRouter, Query
 from starlette.requests import Request
 from starlette.responses import Response
 
-from service.options import NoQuery
+from service.api.queries import NoQuery
 from service.telemetry.metrics import Metrics
 
 router = APIRouter()

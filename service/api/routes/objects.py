@@ -7,6 +7,7 @@ from fastapi import APIRouter, Query
 from starlette.requests import Request
 from starlette.responses import Response, StreamingResponse
 
+from service.api.queries import NoQuery, PageQuery, PointsQuery, WeightsQuery
 from service.api.responses import OVERLOADED, ObjectPage, Problem, StoredObject
 from service.api.routes.file_answers import (
     BINARY,
@@ -26,9 +27,9 @@ from service.errors import InvalidParameter
 from service.formats.points.registry import POINT_FORMATS
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
 from service.mapping.cloud import PROBE_POINTS, check_finite
-from service.options import NoQuery, PageQuery, PointsQuery, WeightsQuery
 from service.runtime.cost import check_cost, check_size, cost_of, in_flight
 from service.runtime.parts import Ready
+from service.runtime.shapes import cloud_of
 from service.runtime.streaming import gzipped, stream
 from service.storage.ids import imported_id
 from service.storage.store import Record
@@ -120,7 +121,7 @@ async def points(request: Request, id_: ObjectId, query: Annotated[PointsQuery, 
     fmt = POINT_FORMATS[query.format] if query.format else negotiate(accept, POINT_FORMATS.values())
     check_size(fmt, query.n, runtime.settings.max_points)
     record, functions = await runtime.store.get(id_)
-    cloud = query.cloud(record.spec, functions)
+    cloud = cloud_of(record.spec, functions, query)
     cost = cost_of(record.spec, cloud.functions)
     check_cost(query.n, cost, runtime.settings.max_points, "n")
     fmt = fmt.holding(color=cloud.functions.color is not None)

@@ -206,6 +206,13 @@ def test_errors_are_one_line_and_leave_no_file(
     assert sorted(here.iterdir()) == before
 
 
+def test_encode_with_an_option_out_of_range_names_field_limit_and_value(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["encode", "photo.png", "-o", "out.ply", "--n", "10000001"]) == 2
+    assert capsys.readouterr().err == "hof: n: Input should be less than or equal to 10000000, not '10000001'\n"
+
+
 def test_a_write_that_fails_leaves_the_old_file(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (here / "out.ply").write_text("old")
 

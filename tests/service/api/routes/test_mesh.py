@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 import trimesh
 
+from service.api.queries import MeshFormatName
 from service.formats.mesh.registry import MESH_FORMATS
 from service.formats.weights import load
 from service.mapping.sampler import Sampler
 from service.mapping.spec import word_of
 from service.mapping.surface import RESOLUTIONS, surface_of
-from service.options import MeshFormatName
 from tests.support.gltf import check_valid
 from tests.support.photos import disc, image_file
 from tests.support.server import check_refused

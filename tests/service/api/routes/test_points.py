@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 import trimesh
 
+from service.api.queries import PointFormatName, PointsQuery
 from service.formats.points.registry import POINT_FORMATS
 from service.formats.weights import load
 from service.mapping import cloud as cloud_module
 from service.mapping.canonical import canonical_points
 from service.mapping.cloud import FIRST_PART, PART, Cloud, Part
 from service.mapping.spec import Array, Functions, MappingSpec, initial_theta, power
-from service.options import PointFormatName, PointsQuery
 from service.settings import Settings
 from tests.support.server import Server, check_refused, running
 

@@ -1,0 +1,87 @@
+"""Parameters and JSON bodies of the API's calls. Unknown parameters are errors."""
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from service.formats.weights import WeightFormatName
+from service.mapping.spec import MAX_K
+from service.options import EncodeOptions, MeshOptions, PointOptions
+from service.runtime.composition import Mode
+
+PointFormatName = Literal["ply", "npy", "xyz", "json", "glb", "gltf", "pcd", "f32", "f16"]
+MeshFormatName = Literal["glb", "gltf", "obj", "stl", "ply"]
+
+ModelName = Annotated[
+    str | None, Field(max_length=200, description="name of a loaded model; by default the first that `/models` lists")
+]
+
+
+class NoQuery(BaseModel):
+    """A query without parameters: any parameter is an error."""
+
+    model_config = ConfigDict(extra="forbid")
+
+
+class EncodeQuery(EncodeOptions, NoQuery):
+    """Parameters of `POST /encode`."""
+
+    store: bool = Field(default=True, description="keep the object; `false` returns its weights and keeps nothing")
+    include: Literal["weights"] | None = Field(default=None, description="add `weights` to the answer")
+    model: ModelName = None
+
+
+class ModelQuery(NoQuery):
+    """Model selection."""
+
+    model: ModelName = None
+
+
+class PageQuery(NoQuery):
+    """Position in the list of objects."""
+
+    limit: int = Field(default=50, ge=1, le=500, description="maximum number of items of the page")
+    cursor: str | None = Field(default=None, max_length=64, description="`next` of the previous page")
+
+
+class PointsQuery(PointOptions, NoQuery):
+    """Parameters of `GET /objects/{id}/points`."""
+
+    format: PointFormatName | None = Field(
+        default=None, description="file format; wins over `Accept`; PLY if neither names one"
+    )
+
+
+class MeshQuery(MeshOptions, NoQuery):
+    """Parameters of `GET /objects/{id}/mesh`."""
+
+    format: MeshFormatName | None = Field(
+        default=None, description="file format; wins over `Accept`; GLB if neither names one"
+    )
+
+
+class WeightsQuery(NoQuery):
+    """Parameters of `GET /objects/{id}/weights`."""
+
+    format: WeightFormatName = Field(
+        default="safetensors",
+        description="file format; `safetensors` carries the spec and can be posted to `/objects`; `onnx` is the whole "
+        "function, k included: x (n, input_dim) -> points (n, 3), float32; `json` holds at most 1,000,000 numbers",
+    )
+
+
+class Composition(NoQuery):
+    """Body of `POST /compose`: the objects to combine, and how."""
+
+    objects: list[str] = Field(
+        min_length=1,
+        max_length=MAX_K,
+        description="ids of objects of one spec, none of them composed: k for `compose`, two or more for "
+        "`interpolate`, two for `all`",
+    )
+    mode: Mode = Field(
+        default="compose",
+        description="`compose` makes the word: for A, B the function f_A(f_B(x)), so that the last one is applied "
+        "first. `all` makes the 2^k words over two objects, in lexicographic order: AA, AB, BA, BB. `interpolate` "
+        "averages theta; an object named twice weighs twice",
+    )

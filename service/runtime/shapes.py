@@ -1,0 +1,38 @@
+"""Build the cloud or the surface of an object that options ask for."""
+
+from service.mapping.cloud import Cloud
+from service.mapping.color import ColorSampler
+from service.mapping.sampler import Sampler
+from service.mapping.spec import Functions, MappingSpec, word_of
+from service.mapping.surface import Surface, surface_of
+from service.options import ColorChoice, MeshOptions, PointOptions
+
+
+def functions_for(functions: Functions, color: ColorChoice, *, holds_color: bool = True) -> Functions:
+    """Return the functions to evaluate: without colors if `color` is "none" or the format holds none."""
+    return functions if color == "auto" and holds_color else Functions(functions.theta)
+
+
+def cloud_of(spec: MappingSpec, functions: Functions, options: PointOptions) -> Cloud:
+    """Return the cloud of an object, of which nothing is computed yet. Raises InvalidParameter."""
+    return Cloud(
+        spec,
+        functions_for(functions, options.color),
+        options.n,
+        options.seed,
+        options.offset,
+        options.scale,
+        options.sampling,
+    )
+
+
+def mesh_of(spec: MappingSpec, functions: Functions, options: MeshOptions) -> Surface:
+    """Compute the surface of an object, with colors if `functions` has them: see `functions_for`.
+
+    Raises
+    ------
+    CorruptWeights : the values of the functions exceed float32.
+    """
+    sampler = Sampler(spec, word_of(spec, functions.theta))
+    color = ColorSampler(functions.color) if functions.color else None
+    return surface_of(sampler, options.resolution, options.scale, color)
