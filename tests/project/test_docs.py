@@ -1,149 +1,146 @@
-"""The README says what is: its settings, targets, links and commands are held against the code, its curl lines run."""
+"""The documents agree with the project: links, paths, names, tables of settings, formats, calls and figures."""
 
+import json
 import re
-import shlex
-import shutil
-import subprocess
+import tomllib
+from http import HTTPStatus
 from pathlib import Path
 
-import httpx
 import pytest
 
-from model.cli.main import _parser as model_parser
-from service import cli
+from service.api.app import create_app
 from service.formats.mesh.registry import MESH_FORMATS
 from service.formats.points.registry import POINT_FORMATS
+from service.formats.weights import WEIGHT_FORMATS
 from service.settings import Settings
-from tests.support.photos import disc, image_file
-from tests.support.server import Server
+from tests.project.documents import DOCUMENTS, ROOT, anchors, code, name_of, rows, section, text_of
+from tests.project.settings_table import names, rewrite
 
-ROOT = Path(__file__).parents[2]
-README = (ROOT / "README.md").read_text("utf-8")
-SECURITY = (ROOT / "SECURITY.md").read_text("utf-8")
-CURL_TIMEOUT_S = 30
+FOLDERS = ("service/", "model/", "tests/", "benchmarks/", "demo/", "deploy/", "docs/", ".ci/")
 
-
-def _commands(program: str) -> list[str]:
-    """The lines of the README's shell blocks that run a program."""
-    blocks = re.findall(r"^```sh\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
-    lines = [line for block in blocks for line in block.splitlines() if line.split()[0] == program]
-    assert lines
-    return lines
+each_document = pytest.mark.parametrize("document", DOCUMENTS, ids=name_of)
 
 
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A working folder that holds the photo of the README's lines."""
-    folder = tmp_path / "here"
-    folder.mkdir()
-    shutil.copy(ROOT / "demo" / "coffee.jpg", folder / "photo.jpg")
-    monkeypatch.chdir(folder)
-    return folder
+def test_readme_length_is_at_most_140_lines() -> None:
+    assert len(text_of("README.md").splitlines()) <= 140
 
 
-def _setting_row(name: str) -> str:
-    """What the README's table must say of a setting."""
-    field = Settings.model_fields[name]
-    what, _, told = str(field.description).partition("; default: ")
-    value = field.default
-    if isinstance(value, Path):
-        value = value.relative_to(ROOT)
-    default = told if field.default_factory else "none" if value is None else f"`{value}`"
-    return f"| `--{name.replace('_', '-')}` | `HOF_{name.upper()}` | {default} | {what} |"
+@each_document
+def test_links_of_a_document_lead_somewhere(document: Path) -> None:
+    text = document.read_text("utf-8")
+    links = re.findall(r'(?:\]\(|src=")([^)"]+)[)"]', text)
+    for link in (link for link in links if not link.startswith("https://")):
+        path, _, anchor = link.partition("#")
+        target = document.parent / path if path else document
+        assert target.is_file(), link
+        assert not anchor or anchor in anchors(target.read_text("utf-8")), link
 
 
-def test_the_table_of_settings_is_that_of_the_code() -> None:
-    rows = [line for line in README.splitlines() if line.startswith("| `--")]
-    assert rows == [_setting_row(name) for name in Settings.model_fields]
+@each_document
+def test_paths_in_a_document_exist(document: Path) -> None:
+    if document.name == "LAB.md":
+        pytest.skip("its entries name the files of their time")
+    text = document.read_text("utf-8")
+    words = [word for word in code(text) if word.startswith(FOLDERS) and ("." in word or word.endswith("/"))]
+    paths = [word for word in words if not re.search(r"[A-Z]{3}|[ *{]", word)]
+    assert [path for path in paths if not (ROOT / path).exists()] == []
 
 
-def test_the_table_of_limits_is_that_of_the_code() -> None:
-    rows = [line for line in SECURITY.splitlines() if line.startswith("| `HOF_")]
-    named = {row.split("`")[1].removeprefix("HOF_").lower() for row in rows}
-    assert named > {name for name in Settings.model_fields if name.startswith("max_")}
-    without_flag = {name: "|" + _setting_row(name).split("|", 2)[2] for name in Settings.model_fields}
-    assert rows == [row for name, row in without_flag.items() if name in named]
+@each_document
+def test_make_targets_in_a_document_exist(document: Path) -> None:
+    named = set(re.findall(r"(?:^|`|run )make ([a-z]+)", document.read_text("utf-8"), re.MULTILINE))
+    assert named <= set(re.findall(r"^([a-z]+):.*## ", text_of("Makefile"), re.MULTILINE))
 
 
-def test_the_performance_section_quotes_what_was_measured() -> None:
-    section = README.partition("## Performance\n")[2].partition("\n## ")[0]
-    rows = [line for line in section.splitlines() if line.startswith("|")]
-    assert len(rows) > 10
-    assert set(rows) <= set((ROOT / "benchmarks" / "RESULTS.md").read_text("utf-8").splitlines())
+@each_document
+def test_installation_in_a_document_names_no_other_project(document: Path) -> None:
+    text = document.read_text("utf-8")
+    assert not re.search(r"pip install[^\n]*['\" ]hof\b(?!-)", text), "hof on PyPI is another project"
+    extras = {extra for group in re.findall(r"\.\[([a-z,]+)\]", text) for extra in group.split(",")}
+    assert extras <= set(tomllib.loads(text_of("pyproject.toml"))["project"]["optional-dependencies"])
 
 
-def test_the_formats_are_those_of_the_code() -> None:
-    told = re.search(r"^Formats: (.*?), by", README, re.MULTILINE)
-    assert told
-    assert re.findall(r"`(\w+)`", told[1]) == list(POINT_FORMATS)
-    told = re.search(r"^Surfaces: (.*?), by", README, re.MULTILINE)
-    assert told
-    assert re.findall(r"`(\w+)`", told[1]) == list(MESH_FORMATS)
+def test_every_document_of_the_folder_is_linked_in_the_readme() -> None:
+    readme = text_of("README.md")
+    assert [path.name for path in (ROOT / "docs").glob("*.md") if f"(docs/{path.name})" not in readme] == []
 
 
-def test_every_make_target_that_is_named_exists() -> None:
-    documents = [README, (ROOT / ".ci" / "run").read_text(), (ROOT / "CHANGELOG.md").read_text()]
-    named = {target for text in documents for target in re.findall(r"(?:^|`|run )make ([a-z]+)", text, re.MULTILINE)}
-    targets = set(re.findall(r"^([a-z]+):.*## ", (ROOT / "Makefile").read_text(), re.MULTILINE))
-    assert {"demo", "serve", "test", "results", "bench", "lint"} <= named
-    assert named <= targets
+def test_architecture_names_every_folder_of_the_code() -> None:
+    folders = {cells[0].strip("`") for cells in rows(section(text_of("docs/architecture.md"), "Folders"))}
+    packages = {
+        f"{path.parent.relative_to(ROOT)}/" for top in ("service", "model") for path in ROOT.glob(f"{top}/*/*.py")
+    }
+    assert packages <= folders
 
 
-def test_every_file_that_is_linked_exists() -> None:
-    for document in (ROOT / "README.md", ROOT / "SECURITY.md", ROOT / "deploy" / "README.md"):
-        linked = re.findall(r"\]\(([^):]+)\)", document.read_text("utf-8"))
-        assert linked
-        assert [link for link in linked if not (document.parent / link).is_file()] == []
+def test_settings_tables_equal_settings() -> None:
+    text = text_of("docs/operations.md")
+    assert sorted(names(text)) == sorted(Settings.model_fields)
+    assert text == rewrite(text), "run python -m tests.project.settings_table"
 
 
-def test_every_file_of_the_layout_exists() -> None:
-    folders = re.findall(r"^\| `(\w+/)`", README, re.MULTILINE)
-    assert folders
-    assert [folder for folder in folders if not (ROOT / folder).is_dir()] == []
+def test_limits_table_of_security_equals_settings() -> None:
+    text = text_of("SECURITY.md")
+    assert set(names(text)) > {name for name in Settings.model_fields if name.startswith("max_")}
+    assert text == rewrite(text), "run python -m tests.project.settings_table"
 
 
-def test_the_hof_lines_work(here: Path, model_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("HOF_MODEL", str(model_path))
-    monkeypatch.setenv("HOF_DATABASE_URL", f"sqlite:///{here.parent / 'doctor.db'}")
-    for line in _commands("hof"):
-        assert cli.main(shlex.split(line, comments=True)[1:]) == 0, line
-    written = {path.name for path in here.iterdir()}
-    made = {"object.glb", "object.safetensors", "object.ply", "surface.glb", "composed.glb", "sheet.png"}
-    assert written == {"photo.jpg", *made}
+def test_point_formats_equal_the_registry() -> None:
+    table = rows(section(text_of("docs/api.md"), "Points"))
+    assert table == [
+        [f"`{fmt.name}`", f"`{fmt.media_type}`", f"`{fmt.extension}`", "yes" if fmt.colored else "no"]
+        for fmt in POINT_FORMATS.values()
+    ]
 
 
-def test_the_hof_model_lines_parse() -> None:
-    for line in _commands("hof-model"):
-        try:
-            arguments = model_parser().parse_args(shlex.split(line, comments=True)[1:])
-        except SystemExit:
-            pytest.fail(f"hof-model does not take the README's line {line!r}")
-        assert callable(arguments.run)
+def test_surface_formats_equal_the_registry() -> None:
+    table = rows(section(text_of("docs/surfaces-and-composition.md"), "Surfaces"))
+    assert table == [
+        [f"`{fmt.name}`", f"`{fmt.media_type}`", f"`{fmt.extension}`", "yes" if fmt.holds_color else "no"]
+        for fmt in MESH_FORMATS.values()
+    ]
 
 
-def test_the_curl_lines_work(here: Path, server: Server, client: httpx.Client) -> None:
-    bash, curl = shutil.which("bash"), shutil.which("curl")
-    assert bash, "the README's lines need bash"
-    assert curl, "the README's lines need curl"
-    (here / ".curlrc").write_text("fail-with-body\nsilent\nshow-error\n")
-    stored = client.post("/encode", files={"image": (here / "photo.jpg").read_bytes()}).json()
-    other = client.post("/encode", content=image_file(disc())).json()
-    ids = {"ID": stored["id"], "A": stored["id"], "B": other["id"]}
-    lines = _commands("curl")
-    for line in lines:
-        run = subprocess.run(
-            [bash, "-c", line.replace("localhost:8080", f"127.0.0.1:{server.port}")],
-            env={"PATH": str(Path(curl).parent), "CURL_HOME": str(here), **ids},
-            capture_output=True,
-            timeout=CURL_TIMEOUT_S,
-            check=False,
-        )
-        assert run.returncode == 0, (line, run.stdout, run.stderr)
-        if line.endswith("/encode"):
-            assert f'"id":"{stored["id"]}"'.encode() in run.stdout
-    points = client.get(stored["links"]["points"], params={"n": 100_000})
-    assert len(lines) == 6 + 2
-    assert (here / "object.stl").read_bytes() == client.get(f"{stored['links']['mesh']}?format=stl").content
-    assert (here / "object.ply").read_bytes() == points.content
-    assert (here / "object.glb").read_bytes()[:4] == b"glTF"
-    assert {item["kind"] for item in client.get("/objects").json()["items"]} == {"encoded", "imported", "composed"}
+def test_weight_formats_equal_the_registry() -> None:
+    table = rows(section(text_of("docs/api.md"), "Weights"))
+    assert [cells[0].strip("`") for cells in table] == list(WEIGHT_FORMATS)
+
+
+def test_calls_and_their_parameters_equal_the_schema() -> None:
+    paths = json.loads(text_of("openapi.json"))["paths"]
+    schema = {
+        f"{method.upper()} {path}": {each["name"] for each in call.get("parameters", []) if each["in"] == "query"}
+        for path, calls in paths.items()
+        for method, call in calls.items()
+    }
+    table = rows(section(text_of("docs/api.md"), "Calls"))
+    assert {cells[0].strip("`"): set(code(cells[1])) for cells in table} == schema
+
+
+def test_statuses_of_errors_cover_the_schema() -> None:
+    calls = [call for path in json.loads(text_of("openapi.json"))["paths"].values() for call in path.values()]
+    answers = {status for call in calls for status in call["responses"] if int(status) >= HTTPStatus.BAD_REQUEST}
+    assert {cells[0] for cells in rows(section(text_of("docs/api.md"), "Errors"))} >= answers
+
+
+def test_metrics_equal_those_of_the_service() -> None:
+    exposition, _ = create_app(Settings()).state.metrics.exposition("")
+    samples = set(re.findall(r"^# TYPE (hof_\w+) ", exposition.decode(), re.MULTILINE))
+    documented = {cells[0].strip("`") for cells in rows(section(text_of("docs/operations.md"), "Metrics"))}
+    assert documented == {name for name in samples if not name.endswith("_created")}
+
+
+@pytest.mark.parametrize(
+    ("document", "heading", "report"),
+    [
+        ("README.md", "Performance", "RESULTS.md"),
+        ("docs/performance.md", "Points", "RESULTS.md"),
+        ("docs/performance.md", "Against other decoders, and over HTTP", "RESULTS.md"),
+        ("docs/performance.md", "Under overload", "LOAD.md"),
+    ],
+)
+def test_figures_equal_the_report(document: str, heading: str, report: str) -> None:
+    quoted = rows(section(text_of(document), heading))
+    measured = rows(text_of(f"benchmarks/{report}"))
+    assert len(quoted) >= 5
+    assert [row for row in quoted if row not in measured] == []
