@@ -136,8 +136,9 @@ def _mixtures(arguments: argparse.Namespace) -> None:
 
 
 def _surfaces(arguments: argparse.Namespace) -> None:
-    from model.evaluation.surfaces import FILE, measure_surfaces, section
+    from model.evaluation.surfaces import FILE, measure_surfaces
     from model.report.page import FOLDER
+    from model.report.surfaces import section
 
     record = measure_surfaces(arguments.model, arguments.data, arguments.split, arguments.seed)
     record.write(arguments.out / FOLDER / FILE)

@@ -1,6 +1,5 @@
 """Free cameras, stretched and warped shapes: further views of a built data set's objects, its manifest unchanged."""
 
-import math
 from collections.abc import Iterable
 from contextlib import closing
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ import trimesh
 
 from model.data.manifest import VARIANTS, Manifest, variant_file
 from model.data.procedural.textures import redress, texture_files
+from model.data.rendering.cameras import Doubles, free_cameras
 from model.data.rendering.render import POINTS, shoot, stage, stretch
 from model.data.rendering.surface import sample_surface
 from model.data.sources.meshes import MeshRecord, load_parts
@@ -23,13 +23,8 @@ from service.files import whole_file
 
 STRETCHED: Final = 4  # variants 1 to this are stretched, those after it warped,
 WARPED: Final = 9  # and those after this warped in other colours and textures
-DISTANCE: Final = (1.3, 6.0)  # longest sides, uniform in the logarithm: wide to long lenses
-ELEVATION_DEG: Final = (0.0, 45.0)
-TRAIN_ELEVATION_DEG: Final = (-5.0, 55.0)
-TRAIN_ROLL_DEG: Final = 2.0  # standard deviation; 0 in the other splits
 
 Floats = npt.NDArray[np.float32]
-Doubles = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -129,15 +124,6 @@ def _shot(
     cameras = free_cameras(job.views, job.train, rng)
     views = shoot(plotter, cameras, points, rng)
     return Variant(views, cameras.astype(np.float32), points, scale.astype(np.float32))
-
-
-def free_cameras(views: int, train: bool, rng: np.random.Generator) -> Doubles:
-    """(views, 4) azimuth and elevation in degrees, distance in longest sides, roll in degrees, all at random."""
-    azimuths = rng.uniform(0, 360, views)
-    elevations = rng.uniform(*(TRAIN_ELEVATION_DEG if train else ELEVATION_DEG), views)
-    distances = np.exp(rng.uniform(math.log(DISTANCE[0]), math.log(DISTANCE[1]), views))
-    rolls = rng.normal(0, TRAIN_ROLL_DEG if train else 0, views)
-    return np.stack([azimuths, elevations, distances, rolls], axis=1)
 
 
 def stretch_factors(parts: list[trimesh.Trimesh], rng: np.random.Generator) -> Doubles:

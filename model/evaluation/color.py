@@ -19,9 +19,7 @@ from model.evaluation.conditions import png
 from model.evaluation.evaluate import POINTS, VIEWS, Case, Evaluation, cases, draw, in_threads
 from model.evaluation.records import Record
 from model.evaluation.references import Retrieval, Training
-from model.metrics import interval
 from model.provenance import provenance
-from model.report.tables import find, spread, table
 from service.encoding.decode import decode
 from service.encoding.encoder import Encoder
 from service.encoding.framing import frame, over_white
@@ -102,25 +100,3 @@ def _errors(pairs: tuple[Indices, Indices], colours: npt.NDArray[Any], true: Byt
     given, wanted = colours.astype(np.float32), true.astype(np.float32)
     errors = (np.abs(given - wanted[forward]).mean(), np.abs(given[backward] - wanted).mean())
     return dict(zip(NAMES, map(float, errors), strict=True))
-
-
-def color_section(record: Record) -> str:
-    """The section of RESULTS.md."""
-    return f"""## Colour
-
-Mean absolute difference per channel (sRGB, 0 to 255): forward from each of {POINTS:,} predicted points to its nearest
-true one, backward from each true one to its nearest predicted one. A constant colour and the true colours stand on the
-model's own points, so that colour alone is compared; image retrieval has points and colours of the object that it
-found. The last columns are the model's error less the method's, object by object: below 0 the model is better.
-
-{_table(record)}"""
-
-
-def _table(record: Record) -> str:
-    ours = find(record.evaluations, record.method)
-    rows = []
-    for found in record.evaluations:
-        gaps = [interval(ours.column(name) - found.column(name)) for name in NAMES]
-        less = ["-" if found is ours else spread(gap, "+") for gap in gaps]
-        rows.append([found.method, *(spread(interval(found.column(name))) for name in NAMES), *less])
-    return table(["method", "forward", "backward", "forward: model's less", "backward: model's less"], rows)

@@ -6,16 +6,17 @@ from pathlib import Path
 from typing import Final
 
 from model.data.manifest import Split
-from model.evaluation import surfaces
 from model.evaluation.classes import class_of
-from model.evaluation.color import color_record, color_section
+from model.evaluation.color import color_record
 from model.evaluation.compared import COMPARED
 from model.evaluation.comparison import BLOB, COUNTS, ORACLE, RETRIEVAL, encoder_record, references
 from model.evaluation.conditions import CONDITIONS, FREE_VIEWS
 from model.evaluation.evaluate import POINTS, VIEWS, Case, Evaluation, cases
 from model.evaluation.records import Decoder, Record
+from model.evaluation.surfaces import FILE as SURFACES
+from model.evaluation.surfaces import Trials
 from model.evaluation.timing import encoder_ms
-from model.report import mixtures, runs, tables
+from model.report import color, mixtures, runs, surfaces, tables
 from model.report.sheets import SHOWN, SHOWN_PER_CLASS, everyday_objects, first_objects
 from model.report.targets import asked_table, checks
 from service.encoding.encoder import Encoder
@@ -78,13 +79,13 @@ def report(models: Sequence[Path], data: Path, split: Split, root: Path, seed: i
     first_objects(encoder, objects).quantize().save(folder / f"{encoder.name}.png", optimize=True)
     everyday_objects(encoder, objects).quantize().save(folder / f"{encoder.name}-everyday.png", optimize=True)
     others = read_others(folder, encoder.name, split, objects)
-    color = color_record(encoder, data, split, seed) if encoder.color_spec else None
-    if color:
-        color.write(folder / "color" / f"{encoder.name}.json")
+    in_color = color_record(encoder, data, split, seed) if encoder.color_spec else None
+    if in_color:
+        in_color.write(folder / "color" / f"{encoder.name}.json")
     classes = [class_of(case.entry) for case in objects]
     asked = asked_table(checks(_evaluations(ours, others), ours.method, classes, shipped.bytes_, shipped.ms))
-    measured = surfaces.section(surfaces.Trials.read(folder / surfaces.FILE))
-    sections = [runs.section(root), measured, mixtures.section(root), color_section(color) if color else ""]
+    measured = surfaces.section(Trials.read(folder / SURFACES))
+    sections = [runs.section(root), measured, mixtures.section(root), color.section(in_color) if in_color else ""]
     page = markdown(ours, others, shipped, classes, asked, [section for section in sections if section])
     (root / "RESULTS.md").write_text(page, encoding="utf-8")
     return asked
@@ -99,7 +100,7 @@ def read_others(folder: Path, ours: str, split: Split, objects: Sequence[Case]) 
     """
     ids = tuple(case.entry.id for case in objects)
     found = []
-    for path in sorted(set(folder.glob("*.json")) - {folder / surfaces.FILE}):
+    for path in sorted(set(folder.glob("*.json")) - {folder / SURFACES}):
         if path.name.startswith(mixtures.PREFIX):
             continue
         record = Record.read(path)

@@ -14,10 +14,10 @@ from model.data.manifest import MADE, Manifest
 from model.data.procedural import curved, furnishings, seating, sofas, things
 from model.data.procedural.primitives import MATERIALS, Rng, Solid, Triple, assembled
 from model.data.procedural.textures import any_place, drawn, texture_files, wrap
+from model.data.rendering.cameras import free_cameras
 from model.data.rendering.render import POINTS, shoot, stage
 from model.data.rendering.surface import Floats, sample_surface
 from model.data.rendering.visible import visible
-from model.data.variants import free_cameras
 from model.data.workers import run_told
 from service.files import whole_file
 

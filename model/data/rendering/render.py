@@ -12,15 +12,13 @@ import trimesh
 from PIL import Image
 
 from model.data.manifest import SIZE
+from model.data.rendering.cameras import ring_cameras
 from model.data.rendering.surface import material_colour, material_image, sample_surface
 from model.data.sources.meshes import MeshRecord, load_parts
 from service.drawing.cloud import camera_axes
 
-VIEWS: Final = 24
 SUPERSAMPLING: Final = 2
 POINTS: Final = 10_000
-ELEVATION_DEG: Final = (15.0, 35.0)
-DISTANCE: Final = 3.0  # camera to object centre, in longest sides: about a 20 degree lens
 FILL: Final = 0.94  # of the frame, by the object's larger half-extent
 MIN_OPACITY: Final = 0.35  # glass stays visible
 
@@ -32,8 +30,8 @@ Bytes = npt.NDArray[np.uint8]
 class Rendered:
     """What the data set keeps of a mesh.
 
-    views : (VIEWS, SIZE, SIZE, 4) uint8 RGBA, alpha is the mask.
-    cameras : (VIEWS, 2) float32, azimuth and elevation in degrees; azimuth 0 looks at the front.
+    views : (RING_VIEWS, SIZE, SIZE, 4) uint8 RGBA, alpha is the mask.
+    cameras : (RING_VIEWS, 2) float32, azimuth and elevation in degrees; azimuth 0 looks at the front.
     points : (POINTS, 3) float32, object frame.
     colours : (POINTS, 3) uint8 RGB.
     """
@@ -54,12 +52,10 @@ def render(record: MeshRecord, seed: int) -> Rendered:
     rng = np.random.default_rng([seed, *record.id.encode()])
     parts = load_parts(record)
     points, colours = sample_surface(parts, POINTS, rng)
-    azimuths = np.arange(VIEWS) * (360 / VIEWS)
-    cameras = np.stack([azimuths, rng.uniform(*ELEVATION_DEG, VIEWS)], axis=1)
-    placed = np.column_stack([cameras, np.full(VIEWS, DISTANCE), np.zeros(VIEWS)])
+    cameras = ring_cameras(rng)
     with closing(stage(parts)) as plotter:
-        views = shoot(plotter, placed, points, rng)
-    return Rendered(views, cameras.astype(np.float32), points, colours)
+        views = shoot(plotter, cameras, points, rng)
+    return Rendered(views, cameras[:, :2].astype(np.float32), points, colours)
 
 
 def stage(parts: list[trimesh.Trimesh], multisampling: bool = True) -> pyvista.Plotter:

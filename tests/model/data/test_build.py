@@ -10,8 +10,9 @@ from PIL import Image
 from model.data.build import build
 from model.data.dedupe import duplicates
 from model.data.manifest import SIZE, Manifest, assign_splits
+from model.data.rendering.cameras import RING_VIEWS
 from model.data.rendering.preview import preview
-from model.data.rendering.render import VIEWS, render
+from model.data.rendering.render import render
 from model.data.rendering.surface import sample_surface
 from model.data.sources.meshes import MeshRecord, folder_records
 from model.data.workers import run_isolated
@@ -38,8 +39,8 @@ def half_red_box(tmp_path: Path) -> MeshRecord:
 
 def test_views_show_the_right_side_in_the_right_colour(half_red_box: MeshRecord) -> None:
     rendered = render(half_red_box, seed=0)
-    assert rendered.views.shape == (VIEWS, SIZE, SIZE, 4)
-    assert rendered.cameras[:, 0] == pytest.approx(np.arange(VIEWS) * 15)
+    assert rendered.views.shape == (RING_VIEWS, SIZE, SIZE, 4)
+    assert rendered.cameras[:, 0] == pytest.approx(np.arange(RING_VIEWS) * 15)
     alpha = rendered.views[..., 3]
     assert (alpha.max(axis=(1, 2)) == 255).all()
     assert (alpha[:, 0, :] == 0).all()  # the object never touches the edge
