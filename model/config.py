@@ -1,95 +1,147 @@
-"""Everything that decides a training run; a checkpoint stores the config that made it."""
+"""Everything that decides a training run. A checkpoint stores the config that produced it.
 
-from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Final, Literal
+Each field is a flag of `hof-model train` or `hof-model color`: defaults, limits and help live here and nowhere
+else; `model.cli.flags` makes the flags from the fields.
+"""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields, replace
+from typing import Any, Final, Literal, TypeVar
 
 from service.encoding.framing import Framing
 from service.mapping.spec import HOF_1, MappingSpec
 
 Method = Literal["hof", "deepsdf", "foldingnet", "direct"]
+Trunk = Literal["dense", "lite0"]
+Part = TypeVar("Part")
+
+
+def option(
+    default: object,
+    text: str,
+    *,
+    least: float | None = None,
+    above: float | None = None,
+    most: float | None = None,
+) -> Any:  # noqa: ANN401 - as dataclasses.field
+    """Return a dataclass field with its help text and the limits of its flag.
+
+    Parameters
+    ----------
+    least, most : smallest and largest value allowed.
+    above : every value must exceed it, in place of `least`.
+    """
+    return field(default=default, metadata={"help": text, "least": least, "above": above, "most": most})
 
 
 @dataclass(frozen=True)
 class EncoderConfig:
-    """The image encoder g_phi (paper, appendix: Network Architecture and Training).
+    """The image encoder g_phi (paper, appendix: Network Architecture and Training)."""
 
-    feature_maps, convolutions : of the DenseNet's blocks.
-    fully_connected : widths of the layers behind the trunk.
-    rank : width of a bottleneck with LayerNorm before the layer that outputs theta; 0 is the paper's
-        full-rank layer (a 50 MB file for HOF-1, trainable and exportable).
-    trunk : the paper's DenseNet, or the convolutions of EfficientNet-Lite0 as ImageNet taught it.
-    """
-
-    feature_maps: tuple[int, ...] = (16, 32, 64)
-    convolutions: int = 4  # per dense block
-    fully_connected: tuple[int, ...] = (1024, 1024, 1024)
-    rank: int = 256
-    trunk: Literal["dense", "lite0"] = "dense"
-    frozen: int = 3  # blocks of Lite0 that are not trained
-    joined_maps: int = 96  # what Lite0's last maps are brought down to
-    fine_maps: int = 0  # and those of half their stride, which tell better where things are
+    feature_maps: tuple[int, ...] = option((16, 32, 64), "feature maps of the DenseNet's blocks", least=1)
+    convolutions: int = option(4, "convolutions of each dense block", least=1)
+    fully_connected: tuple[int, ...] = option(
+        (1024, 1024, 1024), "widths of the fully connected layers after the trunk", least=1
+    )
+    rank: int = option(256, "width of the bottleneck before theta; 0 is the paper's full rank, a 50 MB file", least=0)
+    trunk: Trunk = option("dense", "paper's DenseNet, or EfficientNet-Lite0 trained on ImageNet")  # noqa: RUF009 - a field
+    frozen: int = option(3, "first blocks of Lite0 that are not trained", least=0)
+    joined_maps: int = option(96, "maps that Lite0's last maps are reduced to", least=1)
+    fine_maps: int = option(0, "maps that Lite0's maps of half the stride are reduced to; 0: not used", least=0)
 
 
 DENSE: Final = EncoderConfig()
 LITE0: Final = EncoderConfig(trunk="lite0", fully_connected=(1024,), fine_maps=16)
+LITE0_SIZE: Final = 128  # pixels
 
 
 @dataclass(frozen=True)
 class TrainConfig:
     """One training run.
 
-    method : what stands behind the image encoder's trunk: HOF, or a decoder it is compared with
-        (`model.networks.decoders`). Of `spec`, a decoder uses the canonical domain only.
-    points, target_points : predicted and true points per object in the loss.
-    minutes : budget; the learning rate falls to 0 over it along a cosine.
-    steps : budget in steps instead, for methods that are compared.
-    late_from : share of the budget after which `late_chamfer` takes the place of the squared loss, on
-        `late_points` and `late_target_points`; 1 is never.
-    variants : draw from the stretched shapes too, not from the data set's own alone.
-    own_share : of an object's draws, set aside for its own shape; the rest is from all views, its variants' included.
-    made : draw from the furniture made by rule too.
-    pretrained_rate : share of the learning rate that a pretrained trunk has.
-    start : checkpoint or exported encoder whose weights the run starts from: for another spec those of its trunk, for
-        another trunk those of its head; None starts anew.
+    A compared method (`model.networks.decoders`) uses only the canonical domain of `spec`. A run that starts from a
+    checkpoint takes from it, for another spec, the trunk's weights; for another trunk, the head's.
     """
 
     spec: MappingSpec = field(default_factory=lambda: HOF_1.with_k(2))
-    method: Method = "hof"
+    method: Method = option("hof", "HOF, or the decoder behind the trunk it is compared with")  # noqa: RUF009 - a field
     encoder: EncoderConfig = field(default_factory=EncoderConfig)
     framing: Framing = field(default_factory=Framing)
-    seed: int = 0
-    batch: int = 32
-    points: int = 768
-    target_points: int = 1_500
-    learning_rate: float = 7e-4
-    pretrained_rate: float = 0.3
-    weight_decay: float = 1e-2
-    gradient_clip: float = 1.0
-    projection: float = 0.0  # lambda of the projection regularisation (paper, eq. 6)
-    minutes: float = 70.0
-    steps: int | None = None
-    late_from: float = 1.0
-    late_points: int = 1_536
-    late_target_points: int = 10_000
-    variants: bool = False
-    own_share: float = 0.0
-    made: bool = False
-    start: str | None = None
+    seed: int = option(0, "seed of initial weights, batches and augmentation", least=0)
+    batch: int = option(32, "images per step", least=1)
+    points: int = option(768, "predicted points per object in the loss", least=1)
+    target_points: int = option(1_500, "true points per object in the loss", least=1)
+    learning_rate: float = option(7e-4, "AdamW's learning rate after warm-up", least=0)
+    pretrained_rate: float = option(0.3, "share of the learning rate for pretrained layers", least=0)
+    weight_decay: float = option(1e-2, "AdamW's weight decay", least=0)
+    gradient_clip: float = option(1.0, "largest norm of the gradients", above=0)
+    projection: float = option(0.0, "lambda of the projection regularization (paper, eq. 6)", least=0)
+    minutes: float = option(64.0, "budget in minutes; the learning rate falls to 0 over the budget", above=0)
+    steps: int | None = option(None, "budget in steps, instead of minutes", least=1)
+    late_from: float = option(
+        1.0, "share of the budget after which the late loss, cd_epcg with a smooth F-score, applies; 1: never", least=0
+    )
+    late_points: int = option(1_536, "predicted points per object in the late loss", least=1)
+    late_target_points: int = option(10_000, "true points per object in the late loss", least=1)
+    variants: bool = option(default=False, text="train on the variants of `hof-model data vary` too")
+    own_share: float = option(
+        0.0,
+        "share of an object's draws reserved for its own shape, the rest being from all its shapes",
+        least=0,
+        most=1,
+    )
+    made: bool = option(default=False, text="train on the procedural pieces of `hof-model data make` too")
+    start: str | None = option(None, "checkpoint or exported model whose weights a new run starts from")
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain JSON-able values; inverse of `from_dict`."""
+        """Return plain JSON-able values; inverse of `from_dict`."""
         return asdict(self)
 
     @classmethod
-    def from_dict(cls, fields: dict[str, Any]) -> "TrainConfig":
-        """The config of a checkpoint."""
-        encoder = {**fields["encoder"]}
-        for key in ("feature_maps", "fully_connected"):
-            encoder[key] = tuple(encoder[key])
-        spec = {**fields["spec"], "hidden": list(fields["spec"]["hidden"])}
+    def from_dict(cls, stored: Mapping[str, Any]) -> "TrainConfig":
+        """Return the config of a checkpoint, of this version or another.
+
+        Missing fields take their defaults. Unknown fields of the run are ignored: they tell how it was trained, not
+        what its network is.
+
+        Raises
+        ------
+        KeyError : the spec, the encoder or the framing is missing.
+        TypeError : the encoder or the framing has an unknown field, which might change the network.
+        """
+        names = {each.name for each in fields(cls)}
+        spec = {**stored["spec"], "hidden": list(stored["spec"]["hidden"])}
         return replace(
-            cls(**fields),
+            cls(**{name: value for name, value in stored.items() if name in names}),
             spec=MappingSpec.from_dict(spec),
-            encoder=EncoderConfig(**encoder),
-            framing=Framing(**fields["framing"]),
+            encoder=_part(EncoderConfig, "encoder", stored),
+            framing=_part(Framing, "framing", stored),
         )
+
+
+@dataclass(frozen=True)
+class ColorConfig:
+    """Training of a color head. Each drawn batch is used for several steps: drawing it costs more than they do."""
+
+    seed: int = option(0, "seed of initial weights, batches and augmentation", least=0)
+    minutes: float = option(12.0, "budget in minutes; the learning rate falls to 0 over the budget", above=0)
+    points: int = option(256, "canonical points per image in the loss", least=1)
+    target_points: int = option(4_000, "true points per image that give the canonical points their colors", least=1)
+    kept_batches: int = option(400, "latest batches kept for further steps, 17 kB an image", least=1)
+    steps_per_batch: int = option(6, "steps for each drawn batch: one on it, the others on kept ones", least=1)
+    learning_rate: float = option(1e-3, "AdamW's learning rate after warm-up", least=0)
+    weight_decay: float = option(1e-2, "AdamW's weight decay", least=0)
+
+
+COMPARED_RUN: Final = TrainConfig(  # common to all runs of `hof-model retrain`
+    steps=1_500, variants=True, late_from=0.5, late_points=1_024, late_target_points=4_000
+)
+
+
+def _part(kind: type[Part], name: str, stored: Mapping[str, Any]) -> Part:
+    """Return the stored dataclass `name`; JSON's lists become tuples."""
+    values = {key: tuple(value) if isinstance(value, list) else value for key, value in stored[name].items()}
+    try:
+        return kind(**values)
+    except TypeError as error:
+        raise TypeError(f"unusable {name} in the config, written by another version? {error}") from None

@@ -3,12 +3,17 @@
 import argparse
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Final, get_args
 
-from model.cli.common import ROOT, RUN, add_data, add_run, add_seed
+from model.cli.common import ROOT, add_data, add_run
+from model.cli.flags import add_flags, number, values
+from model.config import COMPARED_RUN, DENSE, LITE0, LITE0_SIZE, ColorConfig, EncoderConfig, TrainConfig
+from service.encoding.framing import Framing
+from service.mapping.spec import DOMAIN_DIMS, HOF_1, HOF_3, MAX_K, MAX_WIDTH, Activation, Domain, MappingSpec
 
-if TYPE_CHECKING:
-    from service.mapping.spec import MappingSpec
+RETRAIN_FLAGS: Final = ("seed", "steps")
+MAPPINGS: Final = {"HOF-1": HOF_1, "HOF-3": HOF_3}
+SIZE_STEP: Final = 32  # pixels: the stride of Lite0; that of the DenseNet divides it
 
 
 def add_stages(stages: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -25,63 +30,105 @@ def add_stages(stages: "argparse._SubParsersAction[argparse.ArgumentParser]") ->
     stage = stages.add_parser("color", help="train the color head of a trained run; its encoder stays unchanged")
     stage.set_defaults(run=_color)
     add_data(stage)
-    add_seed(stage)
     add_run(stage, "run whose chosen checkpoint gets the head")
-    stage.add_argument("--minutes", type=float, default=12.0)
+    add_flags(stage, ColorConfig())
     stage = stages.add_parser("retrain", help="train and measure the methods of the comparison; resumable")
     stage.set_defaults(run=_retrain)
     add_data(stage)
-    add_seed(stage)
     stage.add_argument("methods", nargs="*", metavar="METHOD", help="of model/evaluation/compared.py; default: all")
-    stage.add_argument("--steps", type=int, default=1_500, help="of each")
+    add_flags(stage, COMPARED_RUN, only=RETRAIN_FLAGS)
     stage.add_argument("-o", "--output", type=Path, default=ROOT / "model" / "results", help="folder of the records")
 
 
 def _add_train(stage: argparse.ArgumentParser) -> None:
     stage.set_defaults(run=_train)
     add_data(stage)
-    add_seed(stage)
-    stage.add_argument("--run", type=Path, default=RUN, dest="folder", help="where checkpoints, log and plot go")
-    stage.add_argument("--minutes", type=float, default=64.0)
-    stage.add_argument("--steps", type=int, help="budget in steps, instead of minutes")
-    stage.add_argument("--start", type=Path, help="checkpoint or exported model whose weights a new run starts from")
-    stage.add_argument("--method", choices=("hof", "deepsdf", "foldingnet", "direct"), default="hof")
-    stage.add_argument("--mapping", choices=("HOF-1", "HOF-3"), default="HOF-1")
-    stage.add_argument("--hidden", type=int, nargs="+", help="hidden widths, instead of the mapping's own")
-    stage.add_argument("--activation", choices=("relu", "tanh"), default="relu")
-    stage.add_argument("--k", type=int, default=2)
-    stage.add_argument(
-        "--domain", choices=("ball", "sphere", "ball4", "cube"), help="default: ball; cube for foldingnet"
+    add_run(stage, "folder of checkpoints, log and plot")
+    add_flags(stage, TrainConfig())
+    _add_mapping(stage.add_argument_group("mapping function"))
+    widths = " ".join(map(str, LITE0.fully_connected))
+    add_flags(
+        stage.add_argument_group(
+            "image encoder",
+            f"lite0 has other defaults: --fully-connected {widths} --fine-maps {LITE0.fine_maps} --size {LITE0_SIZE}.",
+        ),
+        DENSE,
     )
-    stage.add_argument("--trunk", choices=("dense", "lite0"), default="dense", help="lite0: pretrained, at 128 pixels")
-    stage.add_argument("--rank", type=int, default=256, help="bottleneck before theta; 0 is the paper's full rank")
-    stage.add_argument("--batch", type=int, default=32)
-    stage.add_argument("--learning-rate", type=float, default=7e-4)
-    stage.add_argument("--pretrained-rate", type=float, default=0.3, help="share of it that pretrained layers have")
-    stage.add_argument("--projection", type=float, default=0.0, help="lambda of the projection regularisation")
-    stage.add_argument("--variants", action="store_true", help="train on the stretched shapes too")
-    stage.add_argument("--own-share", type=float, default=0.0, help="of an object's draws, set aside for its own shape")
-    stage.add_argument("--made", action="store_true", help="train on the furniture made by rule too")
-    stage.add_argument(
-        "--late-from",
-        type=float,
-        default=1.0,
-        help="share of the budget after which the loss is cd_epcg with an F-score-like term; 1: never",
+    framing, default = stage.add_argument_group("framing of images"), Framing()
+    framing.add_argument(
+        "--size",
+        type=number(int, least=SIZE_STEP),
+        help=f"pixels of an image's side, a multiple of {SIZE_STEP}; default: {default.size}",
     )
-    stage.add_argument("--late-points", type=int, default=1_536, help="predicted points in the loss from there on")
-    stage.add_argument("--late-target-points", type=int, default=10_000, help="true points likewise")
+    framing.add_argument(
+        "--foreground-ratio",
+        type=number(float, above=0, most=1),
+        default=default.foreground_ratio,
+        metavar="RATIO",
+        help=f"share of the side that the object's longest side takes; default: {default.foreground_ratio}",
+    )
 
 
-def _spec(arguments: argparse.Namespace) -> "MappingSpec":
-    """The mapping function that the options of `train` ask for."""
-    from service.mapping.spec import DOMAIN_DIMS, HOF_1, HOF_3, Domain
+def _add_mapping(group: argparse._ArgumentGroup) -> None:
+    """Add the flags of the MappingSpec."""
+    default = TrainConfig().spec
+    group.add_argument("--mapping", choices=MAPPINGS, default=default.name, help=f"default: {default.name}")
+    group.add_argument(
+        "--hidden",
+        type=number(int, least=1, most=MAX_WIDTH),
+        nargs="+",
+        metavar="WIDTH",
+        help="widths of the hidden layers; default: those of --mapping",
+    )
+    group.add_argument(
+        "--activation",
+        choices=get_args(Activation),
+        default=default.activation,
+        help=f"activation after each hidden layer; default: {default.activation}",
+    )
+    group.add_argument(
+        "--k",
+        type=number(int, least=1, most=MAX_K),
+        default=default.k,
+        metavar="K",
+        help=f"times that the function is applied; default: {default.k}",
+    )
+    group.add_argument(
+        "--domain", choices=DOMAIN_DIMS, help=f"canonical domain; default: {default.domain}, for foldingnet cube"
+    )
 
-    known = {"HOF-1": HOF_1, "HOF-3": HOF_3}[arguments.mapping]
-    domain: Domain = arguments.domain or ("cube" if arguments.method == "foldingnet" else "ball")
+
+def _config(arguments: argparse.Namespace) -> TrainConfig:
+    """Return the config that the flags of `train` describe.
+
+    Raises
+    ------
+    ValueError : `--size` is no multiple of SIZE_STEP.
+    InvalidSpec : the flags of the mapping function contradict each other.
+    """
+    encoder = values(arguments, EncoderConfig)
+    trunk, size = {"dense": (DENSE, Framing().size), "lite0": (LITE0, LITE0_SIZE)}[encoder.get("trunk", DENSE.trunk)]
+    size = arguments.size or size
+    if size % SIZE_STEP:
+        raise ValueError(f"--size is {size}, it must be a multiple of {SIZE_STEP} pixels")
     return replace(
-        known,
-        name="-".join(["MLP", *map(str, arguments.hidden)]) if arguments.hidden else known.name,
-        hidden=tuple(arguments.hidden or known.hidden),
+        TrainConfig(),
+        spec=_spec(arguments),
+        encoder=replace(trunk, **encoder),
+        framing=Framing(size, arguments.foreground_ratio),
+        **values(arguments, TrainConfig),
+    )
+
+
+def _spec(arguments: argparse.Namespace) -> MappingSpec:
+    """Return the mapping function that the flags of `train` describe."""
+    shape = MAPPINGS[arguments.mapping]
+    is_foldingnet = getattr(arguments, "method", None) == "foldingnet"
+    domain: Domain = arguments.domain or ("cube" if is_foldingnet else shape.domain)
+    return replace(
+        shape,
+        name="-".join(["MLP", *map(str, arguments.hidden)]) if arguments.hidden else shape.name,
+        hidden=tuple(arguments.hidden or shape.hidden),
         activation=arguments.activation,
         input_dim=DOMAIN_DIMS[domain],
         domain=domain,
@@ -90,33 +137,10 @@ def _spec(arguments: argparse.Namespace) -> "MappingSpec":
 
 
 def _train(arguments: argparse.Namespace) -> None:
-    from model.config import DENSE, LITE0, TrainConfig
     from model.training.log import plot_losses
     from model.training.train import train
-    from service.encoding.framing import Framing
 
-    encoder, framing = {"dense": (DENSE, Framing()), "lite0": (LITE0, Framing(128))}[arguments.trunk]
-    config = TrainConfig(
-        spec=_spec(arguments),
-        encoder=replace(encoder, rank=arguments.rank),
-        framing=framing,
-        seed=arguments.seed,
-        batch=arguments.batch,
-        learning_rate=arguments.learning_rate,
-        pretrained_rate=arguments.pretrained_rate,
-        projection=arguments.projection,
-        minutes=arguments.minutes,
-        steps=arguments.steps,
-        method=arguments.method,
-        late_from=arguments.late_from,
-        late_points=arguments.late_points,
-        late_target_points=arguments.late_target_points,
-        variants=arguments.variants,
-        own_share=arguments.own_share,
-        made=arguments.made,
-        start=str(arguments.start) if arguments.start else None,
-    )
-    checkpoint = train(arguments.data, arguments.folder, config)
+    checkpoint = train(arguments.data, arguments.folder, _config(arguments))
     plot_losses(arguments.folder, arguments.folder / "loss.png")
     print(checkpoint)
 
@@ -130,11 +154,12 @@ def _blend(arguments: argparse.Namespace) -> None:
 def _color(arguments: argparse.Namespace) -> None:
     from model.training.train_color import train_color
 
-    print(train_color(arguments.data, arguments.folder, arguments.minutes, arguments.seed))
+    print(train_color(arguments.data, arguments.folder, ColorConfig(**values(arguments, ColorConfig))))
 
 
 def _retrain(arguments: argparse.Namespace) -> None:
     from model.evaluation.compared import COMPARED, retrain
 
+    budget = {name: getattr(COMPARED_RUN, name) for name in RETRAIN_FLAGS} | values(arguments, TrainConfig)
     for name in arguments.methods or COMPARED:
-        print(retrain(name, arguments.data, "test", arguments.output, arguments.steps, arguments.seed))
+        print(retrain(name, arguments.data, "test", arguments.output, **budget))

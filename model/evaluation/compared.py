@@ -4,21 +4,20 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from model.config import TrainConfig
+from model.config import COMPARED_RUN
 from model.data.manifest import Split
 from model.evaluation.comparison import run_record
 from model.training.train import train
 from service.mapping.spec import HOF_1, HOF_3
 
 RUNS: Final = Path("runs/compared")
-SAME: Final = TrainConfig(variants=True, late_from=0.5, late_points=1_024, late_target_points=4_000)
 COMPARED: Final = {
-    "hof1-k1": replace(SAME, spec=HOF_1),
-    "hof1-k2": SAME,
-    "hof3-k1": replace(SAME, spec=HOF_3),
-    "deepsdf": replace(SAME, method="deepsdf", spec=HOF_1),
-    "foldingnet": replace(SAME, method="foldingnet", spec=replace(HOF_1, domain="cube")),
-    "direct": replace(SAME, method="direct", spec=HOF_1),
+    "hof1-k1": replace(COMPARED_RUN, spec=HOF_1),
+    "hof1-k2": COMPARED_RUN,
+    "hof3-k1": replace(COMPARED_RUN, spec=HOF_3),
+    "deepsdf": replace(COMPARED_RUN, method="deepsdf", spec=HOF_1),
+    "foldingnet": replace(COMPARED_RUN, method="foldingnet", spec=replace(HOF_1, domain="cube")),
+    "direct": replace(COMPARED_RUN, method="direct", spec=HOF_1),
 }
 
 

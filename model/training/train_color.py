@@ -1,7 +1,7 @@
 """`hof-model color`: the colour head of a trained run. The encoder's weights stay as they are.
 
 Drawing a batch and looking at it costs several times what a step of the head does, so that each image is
-learnt from several times, among the last KEPT ones.
+learnt from several times, among the last ones that are kept.
 """
 
 import time
@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
+from model.config import ColorConfig
 from model.data.augment import WHITE_LIGHT
 from model.data.dataset import Batch, draw_batch, load_examples
 from model.networks.color_head import ColorHead, color_spec, look, save
@@ -27,12 +28,6 @@ from model.training.memory import keep_freed_memory
 from model.training.train import schedule
 from service.mapping.spec import MappingSpec
 
-POINTS: Final = 256  # canonical, of each image
-TARGET_POINTS: Final = 4_000  # true ones, among which each of them finds the nearest
-KEPT: Final = 400  # batches, of 17 kB an image
-STEPS: Final = 6  # of the head, on each batch that is drawn
-LEARNING_RATE: Final = 1e-3
-WEIGHT_DECAY: Final = 1e-2
 SMOOTHING: Final = 0.01  # share of a step's loss in the shown one
 
 
@@ -45,7 +40,7 @@ class Seen:
     colours: Tensor
 
 
-def train_color(data: Path, run: Path, minutes: float, seed: int = 0) -> Path:
+def train_color(data: Path, run: Path, config: ColorConfig) -> Path:
     """Train a colour head for the run's chosen checkpoint, write `run/color.pt` and return its path.
 
     Raises
@@ -53,24 +48,26 @@ def train_color(data: Path, run: Path, minutes: float, seed: int = 0) -> Path:
     FileNotFoundError : no data set, or no checkpoint.
     ValueError : the run is not of HOF, or the data set has no colours.
     """
-    encoder, config, _ = load_encoder(chosen_checkpoint(run))
-    config = replace(config, seed=seed, points=POINTS, target_points=TARGET_POINTS)
+    encoder, run_config, _ = load_encoder(chosen_checkpoint(run))
+    drawing = replace(run_config, seed=config.seed, points=config.points, target_points=config.target_points)
     keep_freed_memory()
-    torch.manual_seed(seed)
-    examples, side = load_examples(data, "train", config.framing), config.framing.size
-    learner = _Learner(ColorHead(color_spec(config.spec), look(encoder, torch.zeros(1, 3, side, side))[1].shape[1]))
-    rng, kept, draws, elapsed_s, budget_s = np.random.default_rng(seed), deque[Seen](maxlen=KEPT), 0, 0.0, 60 * minutes
+    torch.manual_seed(config.seed)
+    examples, side = load_examples(data, "train", drawing.framing), drawing.framing.size
+    head = ColorHead(color_spec(drawing.spec), look(encoder, torch.zeros(1, 3, side, side))[1].shape[1])
+    learner, kept = _Learner(head, config), deque[Seen](maxlen=config.kept_batches)
+    rng, draws, elapsed_s, budget_s = np.random.default_rng(config.seed), 0, 0.0, 60 * config.minutes
     with tqdm(total=round(budget_s), unit="s", desc="color") as bar:
         started = time.monotonic()
         while elapsed_s < budget_s:
-            kept.append(see(encoder, config.spec, draw_batch(examples, config, draws, WHITE_LIGHT)))
+            kept.append(see(encoder, drawing.spec, draw_batch(examples, drawing, draws, WHITE_LIGHT)))
             draws += 1
-            for batch in [kept[-1], *(kept[index] for index in rng.integers(len(kept), size=STEPS - 1))]:
+            again = rng.integers(len(kept), size=config.steps_per_batch - 1)
+            for batch in [kept[-1], *(kept[index] for index in again)]:
                 learner.step(batch, min(1.0, elapsed_s / budget_s))
             elapsed_s = time.monotonic() - started
             bar.update(min(round(elapsed_s), bar.total) - bar.n)
-            bar.set_postfix({"loss": f"{learner.loss:.4f}", "images": draws * config.batch}, refresh=False)
-    training = {"images": draws * config.batch, "minutes": round(elapsed_s / 60, 1), **provenance(seed)}
+            bar.set_postfix({"loss": f"{learner.loss:.4f}", "images": draws * drawing.batch}, refresh=False)
+    training = {"images": draws * drawing.batch, "minutes": round(elapsed_s / 60, 1), **provenance(config.seed)}
     return save(learner.head, encoder, training, run)
 
 
@@ -87,16 +84,19 @@ def see(encoder: ImageEncoder, spec: MappingSpec, batch: Batch) -> Seen:
 class _Learner:
     """The head, its optimiser, and the smoothed loss: mean absolute error of a channel in [0, 1]."""
 
-    def __init__(self, head: ColorHead) -> None:
+    def __init__(self, head: ColorHead, config: ColorConfig) -> None:
         self.head = head.train()
         self.loss = 0.0
-        self._optimizer = torch.optim.AdamW(head.parameters(), lr=LEARNING_RATE, weight_decay=WEIGHT_DECAY, fused=True)
+        self._rate = config.learning_rate
+        self._optimizer = torch.optim.AdamW(
+            head.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay, fused=True
+        )
         self._steps = 0
 
     def step(self, seen: Seen, progress: float) -> None:
         """One step; where training is `progress` in [0, 1] through its budget."""
         for group in self._optimizer.param_groups:
-            group["lr"] = LEARNING_RATE * schedule(progress)
+            group["lr"] = self._rate * schedule(progress)
         predicted = power(self.head.spec, self.head(seen.inputs), seen.canonical)
         loss = (predicted - seen.colours / 255).abs().mean()  # not clipped: beyond [0, 1] it still has a slope
         self._optimizer.zero_grad(set_to_none=True)

@@ -9,7 +9,7 @@ import torch
 from PIL import Image
 
 from model import cli
-from model.config import TrainConfig
+from model.config import ColorConfig, TrainConfig
 from model.data.dataset import draw_batch, load_examples
 from model.evaluation.color import object_mean
 from model.export import TOLERANCE, color_parity, export
@@ -69,7 +69,7 @@ def test_a_point_has_the_colour_of_the_nearest_true_point(run: Path, data: Path)
 def test_the_head_learns_and_the_encoder_stays_as_it_is(run: Path, data: Path) -> None:
     encoder = load_encoder(run / "last.pt")[0]
     before, examples = digest(encoder), load_examples(data, "train", CONFIG.framing)
-    learner = _Learner(head_of(encoder))
+    learner = _Learner(head_of(encoder), ColorConfig())
     batches = [see(encoder, CONFIG.spec, draw_batch(examples, CONFIG, step)) for step in range(4)]
     learner.step(batches[0], 0.3)
     first = learner.loss
@@ -81,7 +81,7 @@ def test_the_head_learns_and_the_encoder_stays_as_it_is(run: Path, data: Path) -
 
 def test_a_target_outside_the_start_is_reached(run: Path) -> None:
     head = head_of(load_encoder(run / "last.pt")[0])
-    learner, inputs = _Learner(head), torch.rand(8, len(head.state_dict()["layers.0.running_mean"]))
+    learner, inputs = _Learner(head, ColorConfig()), torch.rand(8, len(head.state_dict()["layers.0.running_mean"]))
     seen = Seen(inputs, torch.rand(8, 64, 3) - 0.5, torch.tensor([255, 128, 0], dtype=torch.uint8).expand(8, 64, 3))
     for _ in range(150):
         learner.step(seen, 0.3)
