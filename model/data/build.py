@@ -13,7 +13,7 @@ from model.data.dedupe import duplicates
 from model.data.manifest import Entry, Manifest, Split, assign_splits
 from model.data.rendering.render import render
 from model.data.sources.meshes import MeshRecord
-from model.data.workers import run_told
+from model.data.workers import run_with_progress
 from service.files import whole_file
 
 OBJECTS: Final = "objects"
@@ -46,7 +46,7 @@ def build(
     jobs = [RenderJob(record, out / object_file(record.id), seed) for record in records]
     _check_names(jobs)
     missing = [job for job in jobs if not job.target.exists()]
-    failures = run_told(render_to_file, missing, lambda job: job.record.id, processes, "render", "mesh")
+    failures = run_with_progress(render_to_file, missing, lambda job: job.record.id, processes, "render", "mesh")
     done = {job.record.id: job for job in jobs if job.target.exists()}
     clouds = {id_: np.load(job.target)["points"] for id_, job in tqdm(done.items(), desc="read", unit="object")}
     repeats = duplicates(clouds)

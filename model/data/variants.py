@@ -18,7 +18,7 @@ from model.data.rendering.render import POINTS, shoot, stage, stretch
 from model.data.rendering.surface import sample_surface
 from model.data.sources.meshes import MeshRecord, load_parts
 from model.data.warp import STRETCH, warped
-from model.data.workers import run_told
+from model.data.workers import run_with_progress
 from service.files import whole_file
 
 STRETCHED: Final = 4  # variants 1 to this are stretched, those after it warped,
@@ -87,7 +87,7 @@ def vary(records: Iterable[MeshRecord], folder: Path, variants: int, views: int,
         if missing:
             base = folder / entry.file
             jobs.append(VariantsJob(known[entry.id], base, missing, train, textures, views, manifest.seed))
-    return run_told(render_variants, jobs, lambda job: job.record.id, processes, "vary", "object")
+    return run_with_progress(render_variants, jobs, lambda job: job.record.id, processes, "vary", "object")
 
 
 def render_variants(job: VariantsJob) -> None:

@@ -1,17 +1,15 @@
-"""Run one function over many records in isolated processes: a crash costs one record.
+"""Run one function over many jobs in isolated processes: a crash costs one job.
 
-VTK has crashed whole processes on single meshes, so each slot owns a one-process pool that is replaced
-when its process dies or takes too long.
+VTK has crashed whole processes on single meshes. Pebble replaces a worker process that dies or takes too long.
 """
 
 import multiprocessing
-import queue
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable, Generator, Iterable, Sequence
+from concurrent.futures import Future, as_completed
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
+from pebble import ProcessExpired, ProcessPool
 from tqdm import tqdm
 
 Job = TypeVar("Job")
@@ -19,7 +17,7 @@ Job = TypeVar("Job")
 
 @dataclass(frozen=True)
 class Outcome(Generic[Job]):
-    """A job that ended: `failure` says in a sentence why it did not succeed, or is None."""
+    """A job that ended, and the reason why it failed, in a sentence, or None."""
 
     job: Job
     failure: str | None
@@ -27,35 +25,27 @@ class Outcome(Generic[Job]):
 
 def run_isolated(
     function: Callable[[Job], None], jobs: Iterable[Job], processes: int, timeout_s: float = 180
-) -> Iterator[Outcome[Job]]:
-    """Call `function(job)` for each job in `processes` processes; yield outcomes as they come.
+) -> Generator[Outcome[Job], None, None]:
+    """Call `function(job)` for each job in `processes` processes; yield outcomes in the order in which jobs end.
+
+    Closing the generator early kills what still runs.
 
     Parameters
     ----------
-    function : importable by name, keeps its result itself; an exception is a failure of its job.
-    timeout_s : after this the job has failed and its process is killed.
+    function : importable by name; stores its result itself. An exception fails its job only.
+    timeout_s : longest run of a job; after it the job fails and its process is killed.
     """
-    slots: queue.SimpleQueue[_Slot] = queue.SimpleQueue()
-    for _ in range(processes):
-        slots.put(_Slot())
-
-    def work(job: Job) -> Outcome[Job]:
-        slot = slots.get()
-        try:
-            return Outcome(job, slot.call(function, job, timeout_s))
-        finally:
-            slots.put(slot)
-
+    pool = ProcessPool(processes, context=multiprocessing.get_context("spawn"))
     try:
-        with ThreadPoolExecutor(processes) as threads:
-            futures: list[Future[Outcome[Job]]] = [threads.submit(work, job) for job in jobs]
-            yield from (future.result() for future in as_completed(futures))
+        futures: dict[Future[None], Job] = {pool.schedule(function, (job,), timeout=timeout_s): job for job in jobs}
+        for future in as_completed(futures):
+            yield Outcome(futures[future], _failure(future, timeout_s))
     finally:
-        while not slots.empty():
-            slots.get().close()
+        pool.stop()  # type: ignore[no-untyped-call]
+        pool.join()
 
 
-def run_told(
+def run_with_progress(
     function: Callable[[Job], None],
     jobs: Sequence[Job],
     name: Callable[[Job], str],
@@ -63,7 +53,7 @@ def run_told(
     desc: str,
     unit: str,
 ) -> dict[str, str]:
-    """As `run_isolated`, behind a bar that counts `unit`s and tells what fails as it does; name -> failure."""
+    """Call `run_isolated` behind a progress bar that also prints failures; return name -> failure."""
     failures: dict[str, str] = {}
     for outcome in tqdm(run_isolated(function, jobs, processes), total=len(jobs), desc=desc, unit=unit):
         if outcome.failure:
@@ -72,34 +62,14 @@ def run_told(
     return failures
 
 
-class _Slot:
-    """One worker process, replaced after a crash or a time-out."""
-
-    def __init__(self) -> None:
-        self._pool = self._fresh()
-
-    @staticmethod
-    def _fresh() -> ProcessPoolExecutor:
-        return ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
-
-    def call(self, function: Callable[[Job], None], job: Job, timeout_s: float) -> str | None:
-        try:
-            self._pool.submit(function, job).result(timeout_s)
-        except BrokenProcessPool:
-            self._pool = self._fresh()
+def _failure(future: Future[None], timeout_s: float) -> str | None:
+    """Return why a finished job failed, or None."""
+    match future.exception():
+        case None:
+            return None
+        case ProcessExpired():
             return "the worker process crashed"
-        except TimeoutError:
-            self._kill()
-            self._pool = self._fresh()
+        case TimeoutError():
             return f"took longer than {timeout_s:.0f} s"
-        except Exception as error:  # any failure of one job is an outcome, not an end
+        case error:
             return f"{type(error).__name__}: {error}".splitlines()[0]
-        return None
-
-    def _kill(self) -> None:
-        for process in list((self._pool._processes or {}).values()):
-            process.kill()
-        self.close()
-
-    def close(self) -> None:
-        self._pool.shutdown(wait=False, cancel_futures=True)

@@ -18,7 +18,7 @@ from model.data.rendering.cameras import free_cameras
 from model.data.rendering.render import POINTS, shoot, stage
 from model.data.rendering.surface import Floats, sample_surface
 from model.data.rendering.visible import visible
-from model.data.workers import run_told
+from model.data.workers import run_with_progress
 from service.files import whole_file
 
 DESIGNS: Final[dict[Callable[[Rng], list[Solid]], float]] = {  # and how often each is drawn
@@ -69,7 +69,7 @@ def make(folder: Path, count: int, views: int, processes: int) -> dict[str, str]
     textures = texture_files(folder)
     jobs = [MadeJob(folder / MADE / f"{number:05d}.npz", textures, seed, number, views) for number in range(count)]
     jobs = [job for job in jobs if not job.target.exists()]
-    return run_told(render_made, jobs, lambda job: job.target.stem, processes, "make", "piece")
+    return run_with_progress(render_made, jobs, lambda job: job.target.stem, processes, "make", "piece")
 
 
 def render_made(job: MadeJob) -> None:

@@ -1,4 +1,4 @@
-"""Rendering, isolation of workers, deduplication, splits, and the data set that they make."""
+"""Rendering, deduplication, splits, and the data set that they make."""
 
 from pathlib import Path
 
@@ -15,9 +15,7 @@ from model.data.rendering.preview import preview
 from model.data.rendering.render import render
 from model.data.rendering.surface import sample_surface
 from model.data.sources.meshes import MeshRecord, folder_records
-from model.data.workers import run_isolated
 from service.drawing.cloud import camera_axes
-from tests.support.small.jobs import work
 from tests.support.small.shapes import SHAPES, write_folder
 
 
@@ -98,15 +96,6 @@ def test_camera_axes_are_a_right_handed_frame() -> None:
     assert up.tolist() == [0, 1, 0]
     toward, right, up = camera_axes(77, 31)
     assert np.stack([right, up, toward]) @ np.stack([right, up, toward]).T == pytest.approx(np.eye(3), abs=1e-6)
-
-
-def test_a_crash_an_error_and_a_hang_cost_one_job_each() -> None:
-    outcomes = {outcome.job: outcome.failure for outcome in run_isolated(work, range(8), processes=2, timeout_s=8)}
-    assert len(outcomes) == 8
-    assert outcomes[1] == "the worker process crashed"
-    assert outcomes[2] == "ValueError: bad mesh"
-    assert outcomes[3] == "took longer than 8 s"
-    assert [job for job, failure in outcomes.items() if failure] == sorted((1, 2, 3), key=list(outcomes).index)
 
 
 def test_duplicates_are_found_turned_and_mirrored_but_not_look_alikes() -> None:

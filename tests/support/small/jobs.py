@@ -3,6 +3,7 @@
 import os
 import signal
 import time
+from pathlib import Path
 
 
 def work(job: int) -> None:
@@ -12,4 +13,11 @@ def work(job: int) -> None:
     if job == 2:
         raise ValueError("bad mesh")
     if job == 3:
+        time.sleep(600)
+
+
+def wait_unless_ready(target: Path) -> None:
+    """Return for a target named `ready`; else write the process id to it and wait ten minutes."""
+    if target.name != "ready":
+        target.write_text(str(os.getpid()))
         time.sleep(600)
