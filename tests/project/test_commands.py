@@ -130,7 +130,7 @@ def test_docker_lines_fit_the_image() -> None:
     lines = [line for path in DOCUMENTS for line in commands(path.read_text("utf-8"), "docker") if " run " in line]
     assert lines
     for line in lines:
-        port, folder = re.findall(r"-p \d+:(\d+) -v \w+:(\S+)", line)[0]
+        port, folder = re.findall(r"-p [\d.:]+:(\d+) -v \w+:(\S+)", line)[0]
         assert f"EXPOSE {port}\n" in dockerfile
         assert f"VOLUME {folder}\n" in dockerfile
 
