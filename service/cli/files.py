@@ -17,7 +17,8 @@ from service.encoding.matting import Matting
 from service.errors import HofError, InvalidParameter
 from service.files import whole_file
 from service.formats.mesh.registry import MESH_FORMATS, MeshFormat
-from service.formats.points.registry import POINT_FORMATS, PointFormat, write
+from service.formats.points.registry import POINT_FORMATS, PointFormat
+from service.formats.points.writer import write
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
 from service.mapping.sampler import Sampler
 from service.mapping.spec import Array, Functions, MappingSpec, joined

@@ -1,9 +1,11 @@
 """A cloud: points of one object and their colors, computed part by part, so that memory does not grow with n."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
+
+import numpy as np
 
 from service.mapping.canonical import Sampling, check_range
 from service.mapping.color import ColorSampler
@@ -84,3 +86,15 @@ def check_finite(spec: MappingSpec, functions: Functions) -> None:
         cloud.points(part)  # the sampler raises
         if functions.color:
             cloud.colors(part)
+
+
+def bounds(chunks: Iterable[Array]) -> tuple[Array, Array]:
+    """Smallest and largest coordinates, (3,) and (3,) float32, of chunks of (m, 3) points.
+
+    Raises
+    ------
+    ValueError : there are no points.
+    """
+    extremes = [(points.min(axis=0), points.max(axis=0)) for points in chunks]
+    lows, highs = zip(*extremes, strict=True)
+    return np.min(lows, axis=0), np.max(highs, axis=0)

@@ -6,7 +6,7 @@ the same shape in every call, and tiles start at multiples of their size: output
 chunking, on one machine and build of NumPy.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Final
 
@@ -144,18 +144,6 @@ def _check(n: int, seed: int, offset: int, scale: float, sampling: Sampling) -> 
     check_range(n, seed, offset, sampling)
     if not SCALES[0] <= scale <= SCALES[1]:
         raise InvalidParameter(f"scale must lie in {SCALES[0]:g} to {SCALES[1]:g}", field="scale")
-
-
-def bounds(chunks: Iterable[Array]) -> tuple[Array, Array]:
-    """Smallest and largest coordinates, (3,) and (3,) float32, of chunks of (m, 3) points.
-
-    Raises
-    ------
-    ValueError : there are no points.
-    """
-    extremes = [(points.min(axis=0), points.max(axis=0)) for points in chunks]
-    lows, highs = zip(*extremes, strict=True)
-    return np.min(lows, axis=0), np.max(highs, axis=0)
 
 
 class _Tiles:

@@ -30,8 +30,7 @@ def check_size(fmt: PointFormat, n: int, max_points: int) -> None:
     """Refuse more points than the format or the service allows, with InvalidParameter."""
     if n > max_points:
         raise InvalidParameter(f"n is {n}, the limit of this service is {max_points}", field="n")
-    if fmt.max_points is not None and n > fmt.max_points:
-        raise InvalidParameter(f"n is {n}, {fmt.name} holds at most {fmt.max_points} points", field="n")
+    fmt.check_count(n)
 
 
 def in_flight(n: int, ahead: int) -> int:

@@ -4,14 +4,11 @@ import asyncio
 import zlib
 from collections import deque
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
-from functools import partial
 from typing import Any, TypeVar
 
-import numpy as np
-
 from service.formats.points.registry import PointFormat
+from service.formats.points.writer import steps
 from service.mapping.cloud import Cloud, Part
-from service.mapping.spec import Array
 
 Run = Callable[..., Awaitable[Any]]
 Result = TypeVar("Result")
@@ -24,15 +21,14 @@ async def stream(fmt: PointFormat, cloud: Cloud, run: Run, ahead: int) -> AsyncI
     several cores and memory stays flat. Where the client leaves, parts not begun are dropped. A format
     that needs bounds is computed twice.
     """
-    bounds = await _bounds(cloud, run, ahead) if fmt.needs_bounds else None
-    yield fmt.head(cloud.n, bounds)
-    for opening, body in fmt.passes:
-        separator = opening
-        async for piece in _in_order(partial(body, cloud), cloud.parts(), run, ahead):
-            yield separator + piece
-            separator = fmt.separator
-    if tail := fmt.tail(cloud.n):
-        yield tail
+    for step in steps(fmt, cloud):
+        if isinstance(step, bytes):
+            if step:
+                yield step
+            continue
+        async for result in _in_order(step.compute, cloud.parts(), run, ahead):
+            if piece := step.emit(result):
+                yield piece
 
 
 async def gzipped(pieces: AsyncIterator[bytes], run: Run) -> AsyncIterator[bytes]:
@@ -42,19 +38,6 @@ async def gzipped(pieces: AsyncIterator[bytes], run: Run) -> AsyncIterator[bytes
         if squeezed := await run(squeeze.compress, piece):
             yield squeezed
     yield squeeze.flush()
-
-
-async def _bounds(cloud: Cloud, run: Run, ahead: int) -> tuple[Array, Array]:
-    """Smallest and largest coordinates, (3,) each."""
-
-    def extremes(part: Part) -> tuple[Array, Array]:
-        points = cloud.points(part)
-        return points.min(axis=0), points.max(axis=0)
-
-    low, high = np.full(3, np.inf, np.float32), np.full(3, -np.inf, np.float32)
-    async for part_low, part_high in _in_order(extremes, cloud.parts(), run, ahead):
-        low, high = np.minimum(low, part_low), np.maximum(high, part_high)
-    return low, high
 
 
 async def _in_order(

@@ -9,7 +9,6 @@ from service.errors import InvalidParameter
 from service.formats import raw
 from service.formats.points import gltf, json, npy, pcd, ply, xyz
 from service.mapping.cloud import Part
-from service.mapping.sampler import bounds as bounds_of
 from service.mapping.spec import Array, Colors
 
 
@@ -67,6 +66,13 @@ class PointFormat:
     def holding(self, *, color: bool) -> "PointFormat":
         """This format, with colours where there are any and it can hold them."""
         return self.colored or self if color else self
+
+    def check_count(self, n: int) -> None:
+        """Refuse a number of points that the format cannot hold, with InvalidParameter."""
+        if n < 1:
+            raise InvalidParameter(f"n is {n}, the least is 1", field="n")
+        if self.max_points is not None and n > self.max_points:
+            raise InvalidParameter(f"n is {n}, {self.name} holds at most {self.max_points} points", field="n")
 
 
 def _points(write: Callable[[Array], bytes]) -> tuple[bytes, Body]:
@@ -160,28 +166,3 @@ POINT_FORMATS: Final[Mapping[str, PointFormat]] = {
         _F16,
     )
 }
-
-
-def write(fmt: PointFormat, source: Source) -> Iterator[bytes]:
-    """The file, piece by piece: head, one piece of bytes for each part in each pass, tail.
-
-    Raises
-    ------
-    InvalidParameter : the source's n is not within the format's limit.
-    """
-    n = source.n
-    if n < 1:
-        raise InvalidParameter(f"n must be at least 1, not {n}", field="n")
-    if fmt.max_points is not None and n > fmt.max_points:
-        raise InvalidParameter(f"{fmt.name} holds at most {fmt.max_points} points, not {n}", field="n")
-    return filter(None, _pieces(fmt, source))  # an empty piece would end a chunked HTTP body
-
-
-def _pieces(fmt: PointFormat, source: Source) -> Iterator[bytes]:
-    yield fmt.head(source.n, bounds_of(map(source.points, source.parts())) if fmt.needs_bounds else None)
-    for opening, body in fmt.passes:
-        separator = opening
-        for part in source.parts():
-            yield separator + body(source, part)
-            separator = fmt.separator
-    yield fmt.tail(source.n)

@@ -145,7 +145,7 @@ def test_openapi_prints_the_committed_schema(capsys: pytest.CaptureFixture[str])
         ("encode photo.png -o out", "no format has the suffix ''"),
         ("encode photo.png -o nowhere/out.ply", "No such file or directory"),
         ("encode nothere.png -o out.ply", "nothere.png: No such file or directory"),
-        ("encode text.png -o out.ply", "no PNG, JPEG or WebP"),
+        ("encode text.png -o out.ply", "not a PNG, JPEG or WebP"),
         ("encode cut.png -o out.ply", "truncated or corrupt"),
         ("encode photo.png -o out.ply --n 0", "n: Input should be greater than or equal to 1"),
         ("encode photo.png -o out.ply --n x", "n: Input should be a valid integer"),

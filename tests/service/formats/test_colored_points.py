@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from service.formats.points.registry import POINT_FORMATS, write
+from service.formats.points.registry import POINT_FORMATS
+from service.formats.points.writer import write
 from service.mapping.canonical import canonical_points
 from tests.support.small.clouds import COLORED, FORMATS, TWO, Given, colored, colors_of, file_of
 

@@ -10,11 +10,11 @@ import pytest
 import trimesh
 
 from service.errors import InvalidParameter
-from service.formats.points.registry import POINT_FORMATS, PointFormat, write
+from service.formats.points.registry import POINT_FORMATS, PointFormat
+from service.formats.points.writer import write
 from service.formats.raw import float32
 from service.mapping.canonical import canonical_points
-from service.mapping.cloud import Part
-from service.mapping.sampler import bounds
+from service.mapping.cloud import Part, bounds
 from service.mapping.spec import Array
 from tests.support.gltf import check_valid, gltf_report
 from tests.support.small.clouds import BINARY, EVERY, FORMATS, TEXT, TWO, Given, colored, colors_of, file_of, label

@@ -14,7 +14,7 @@ from service.errors import CorruptWeights, InvalidParameter, InvalidSpec
 from service.mapping import compiled
 from service.mapping.canonical import BLOCK, canonical_points
 from service.mapping.folding import CompiledFold, Fold, NumpyFold
-from service.mapping.sampler import CHUNK, bounds, sample
+from service.mapping.sampler import CHUNK, sample
 from service.mapping.spec import HOF_1, HOF_3, Array, Domain, MappingSpec, apply, compose, initial_theta
 
 SMALL = MappingSpec("small", 3, (16,), 3)
@@ -222,16 +222,3 @@ def test_bad_arguments_are_refused_before_the_first_chunk(change: dict[str, Any]
 def test_a_theta_that_does_not_fit_is_refused_before_the_first_chunk() -> None:
     with pytest.raises(InvalidSpec):
         sample(SMALL, [np.zeros(7, np.float32)], 10)
-
-
-def test_bounds() -> None:
-    chunks = [np.array([[1, 5, -2], [3, 4, 0]], np.float32), np.array([[-7, 4.5, 9]], np.float32)]
-    low, high = bounds(iter(chunks))
-    np.testing.assert_array_equal(low, [-7, 4, -2])
-    np.testing.assert_array_equal(high, [3, 5, 9])
-    assert low.dtype == high.dtype == np.float32
-
-
-def test_bounds_of_nothing() -> None:
-    with pytest.raises(ValueError, match="not enough values"):
-        bounds(iter(()))

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from service.formats.points.registry import POINT_FORMATS, PointFormat, write
+from service.formats.points.registry import POINT_FORMATS, PointFormat
+from service.formats.points.writer import write
 from service.mapping.cloud import Part
 from service.mapping.spec import Array, Colors
 
