@@ -31,13 +31,13 @@ lint: .venv/dev.stamp ## ruff and mypy
 	$(BIN)/mypy
 
 bench: .venv/bench.stamp ## measure sampler, decoders and service on an idle machine; writes benchmarks/RESULTS.md
-	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.run
+	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.speed.run
 
 load: .venv/peers/stamp ## overload, peers, kills, damaged images, on two idle cores; writes benchmarks/LOAD.md
-	$(BIN)/python -m benchmarks.load --peers .venv/peers
+	$(BIN)/python -m benchmarks.load.run --peers .venv/peers
 
 soak: .venv/dev.stamp ## 200,000 mixed requests; writes benchmarks/SOAK.md
-	$(BIN)/python -m benchmarks.soak
+	$(BIN)/python -m benchmarks.load.soak
 
 results: .venv/bench.stamp .venv/system.stamp ## build the data set, evaluate the shipped models: RESULTS.md
 	$(BIN)/hof-model data build

@@ -1,4 +1,4 @@
-"""Damaged images of every sort at a real process: a few hundred of the ten thousand of `python -m benchmarks.fuzz`."""
+"""Damaged images of every sort at a real process: some hundred; `python -m benchmarks.load.fuzz` sends ten thousand."""
 
 import random
 from collections import Counter

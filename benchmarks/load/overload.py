@@ -12,9 +12,9 @@ from typing import Final
 
 import numpy as np
 
-from benchmarks.generator import Answers, closed_loop, open_loop, probe
-from benchmarks.photos import photos
-from benchmarks.report import Asked
+from benchmarks.load.generator import Answers, closed_loop, open_loop, probe
+from benchmarks.load.photos import photos
+from benchmarks.targets import Target
 from service.settings import MIB
 from tests.support.processes import hof, serving
 from tests.support.resources import SERVER_CORE, cpu_s, given_s, status_bytes, threads
@@ -41,7 +41,7 @@ class Floods:
     given: list[tuple[float, float]] = field(default_factory=list)
 
 
-def overload(asked: list[Asked], rounds: int, seconds: int) -> str:
+def overload(targets: list[Target], rounds: int, seconds: int) -> str:
     """Rounds of the peak, an open loop far above it, and the peak again. Idle processor time and threads on the way."""
     floods = Floods()
     with serving(hof(threads=1), {SERVER_CORE}) as (url, pid):
@@ -53,14 +53,14 @@ def overload(asked: list[Asked], rounds: int, seconds: int) -> str:
             _round(floods, url, 10 * number, seconds)
         growth = status_bytes(pid, "VmRSS") / before - 1
         count = threads(pid)
-    asked += [
-        Asked("overload: goodput as a share of the peak", _share(floods.given), 0.95),
-        Asked("overload: answers of 5xx, or none", _failed(floods.photos), 0, at_most=True),
-        Asked("overload: p99 of 429, ms", floods.photos.p99_ms(429, 429), 20, at_most=True),
-        Asked("overload: p99 of /health/live, ms", floods.live.p99_ms(), 50, at_most=True),
-        Asked("overload: growth of resident memory, %", 100 * growth, 10, at_most=True),
-        Asked("idle: processor time from 100 ms after a request, %", 100 * idle, 1, at_most=True),
-        Asked("threads of the server after that", count, 8 + 4, at_most=True),
+    targets += [
+        Target("overload: goodput as a share of the peak", _share(floods.given), 0.95),
+        Target("overload: answers of 5xx, or none", _failed(floods.photos), 0, at_most=True),
+        Target("overload: p99 of 429, ms", floods.photos.p99_ms(429, 429), 20, at_most=True),
+        Target("overload: p99 of /health/live, ms", floods.live.p99_ms(), 50, at_most=True),
+        Target("overload: growth of resident memory, %", 100 * growth, 10, at_most=True),
+        Target("idle: processor time from 100 ms after a request, %", 100 * idle, 1, at_most=True),
+        Target("threads of the server after that", count, 8 + 4, at_most=True),
     ]
     return _section(floods, seconds, before)
 

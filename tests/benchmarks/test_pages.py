@@ -1,4 +1,4 @@
-"""The benchmarks run and write what they promise; what they measure is nothing to test."""
+"""The benchmarks run and write their pages; what they measure is not tested."""
 
 import os
 import subprocess
@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.networks import Network, deepsdf, foldingnet, mapping_network
-from benchmarks.rivals import RIVALS, Make, numpy_tiles
+from benchmarks.speed.networks import Network, deepsdf, foldingnet, mapping_network
+from benchmarks.speed.rivals import RIVALS, Make, numpy_tiles
 from service.mapping.spec import HOF_1, HOF_3, initial_theta, power
 
 ROOT = Path(__file__).parents[2]
@@ -38,7 +38,7 @@ def test_the_network_of_a_mapping_is_its_power() -> None:
 
 
 def test_the_benchmark_writes_its_tables(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "benchmarks.run", "--quick", "--rounds", "1", "-o", str(tmp_path)]
+    command = [sys.executable, "-m", "benchmarks.speed.run", "--quick", "--rounds", "1", "-o", str(tmp_path)]
     run = subprocess.run(
         command,
         capture_output=True,
@@ -51,13 +51,13 @@ def test_the_benchmark_writes_its_tables(tmp_path: Path) -> None:
     assert (run.returncode, run.stderr) == (0, "")
     text = (tmp_path / "RESULTS.md").read_text()
     assert text == run.stdout
-    for row in ("| ours, NumPy |", "| ours, [fast] |", "| naive NumPy |", "| HOF-1, k = 2 |", "| DeepSDF |", "asked"):
+    for row in ("| ours, NumPy |", "| ours, [fast] |", "| naive NumPy |", "| HOF-1, k = 2 |", "| DeepSDF |", "target"):
         assert row in text
     assert (tmp_path / "runtime.png").stat().st_size > 10_000
 
 
 def test_the_load_writes_its_tables(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "benchmarks.load", "--quick", "-o", str(tmp_path)]
+    command = [sys.executable, "-m", "benchmarks.load.run", "--quick", "-o", str(tmp_path)]
     run = subprocess.run(command, capture_output=True, text=True, timeout=RUN_TIMEOUT_S, check=False, cwd=ROOT)
     assert (run.returncode, run.stderr) == (0, "")
     text = (tmp_path / "LOAD.md").read_text()
@@ -73,7 +73,7 @@ def test_the_load_writes_its_tables(tmp_path: Path) -> None:
 
 
 def test_the_soak_writes_its_page(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "benchmarks.soak", "--requests", "200", "-o", str(tmp_path)]
+    command = [sys.executable, "-m", "benchmarks.load.soak", "--requests", "200", "-o", str(tmp_path)]
     run = subprocess.run(command, capture_output=True, text=True, timeout=RUN_TIMEOUT_S, check=False, cwd=ROOT)
     assert (run.returncode, run.stderr) == (0, "")
     text = (tmp_path / "SOAK.md").read_text()

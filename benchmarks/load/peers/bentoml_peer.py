@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import bentoml
 from bentoml.validators import ContentType
 
-from benchmarks.peers.work import Work
+from benchmarks.load.peers.work import Work
 from service.storage.store import Store
 
 

@@ -9,7 +9,7 @@ from typing import Final
 import httpx
 import numpy as np
 
-from benchmarks.timing import Seconds, seconds
+from benchmarks.speed.timing import Seconds, seconds
 from service.formats.weights import Weights, dump
 from service.mapping.sampler import sample
 from service.mapping.spec import HOF_1, initial_theta

@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.networks import Network
-from benchmarks.rivals import Evaluate, Make
+from benchmarks.speed.networks import Network
+from benchmarks.speed.rivals import Evaluate, Make
 from service.mapping.spec import Array
 
 TILES: Final = (128, 256, 512, 1024, 4096, 16_384)

@@ -1,50 +1,25 @@
 """benchmarks/RESULTS.md and the runtime figure."""
 
 import os
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.serving import LARGE, MIB, STREAMED, Figures
-from benchmarks.timing import Seconds
+from benchmarks.speed.serving import LARGE, MIB, STREAMED, Figures
+from benchmarks.speed.timing import Seconds
+from benchmarks.targets import Target, targets_table
 from model.provenance import provenance
 
 SEED = 0
 
 
-@dataclass(frozen=True)
-class Asked:
-    """A figure beside the one that was asked for."""
-
-    what: str
-    measured: float
-    limit: float
-    at_most: bool = False
-
-    @property
-    def met(self) -> bool:
-        """Whether the measured figure is on the right side of the limit."""
-        return self.measured <= self.limit if self.at_most else self.measured >= self.limit
-
-
-def asked_table(asked: Sequence[Asked]) -> str:
-    """What was measured beside what was asked for."""
-    rows = [
-        f"| {item.what} | {item.measured:.2f} | {'<=' if item.at_most else '>='} {item.limit:g} | "
-        f"{'yes' if item.met else '**no**'} |"
-        for item in asked
-    ]
-    return "\n".join(["| figure | measured | asked | met |", "|---|---|---|---|", *rows])
-
-
 @dataclass
 class Report:
-    """Collects tables, then writes them below the asked figures."""
+    """Tables and figures of one run, to be written as a page."""
 
     rounds: int
-    asked: list[Asked] = field(default_factory=list)
+    targets: list[Target] = field(default_factory=list)
     made: dict[str, str | int] = field(default_factory=lambda: provenance(SEED))  # before any file is written
     _sections: list[str] = field(default_factory=list)
 
@@ -115,7 +90,7 @@ class Report:
             f"OPENBLAS_NUM_THREADS={os.environ.get('OPENBLAS_NUM_THREADS', 'unset')}.\n"
             "Many clients, overload and peers: [LOAD.md](LOAD.md). Memory over 200,000 requests: [SOAK.md](SOAK.md)."
             "\n\n"
-            f"{asked_table(self.asked)}\n\n"
+            f"{targets_table(self.targets)}\n\n"
         )
         path.write_text(page + "\n\n".join(self._sections) + "\n", encoding="utf-8")
 

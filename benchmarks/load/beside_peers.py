@@ -9,9 +9,9 @@ from typing import Final
 
 import numpy as np
 
-from benchmarks.generator import Answers, closed_loop
-from benchmarks.photos import photos
-from benchmarks.report import Asked
+from benchmarks.load.generator import Answers, closed_loop
+from benchmarks.load.photos import photos
+from benchmarks.targets import Target
 from tests.support.processes import hof, serving
 
 OURS, BARE, REPEATED = "ours", "bare FastAPI", "ours, a repeated photo"
@@ -21,7 +21,7 @@ WARM_UP_S: Final = 1.0
 Runs = dict[tuple[str, int], list[Answers]]
 
 
-def compare(asked: list[Asked], core: int, rounds: int, seconds: float, others: Path | None) -> str:
+def compare(targets: list[Target], core: int, rounds: int, seconds: float, others: Path | None) -> str:
     """Requests a second and p99 of POST /encode of each, in turn, round by round.
 
     Parameters
@@ -38,7 +38,7 @@ def compare(asked: list[Asked], core: int, rounds: int, seconds: float, others: 
         for name in _commands(others):
             if name != OURS:
                 ratio = float(np.median(rates[OURS, clients] / rates[name, clients]))
-                asked.append(Asked(f"{clients} clients: ours against {name}", ratio, 0.95 if name == BARE else 1))
+                targets.append(Target(f"{clients} clients: ours against {name}", ratio, 0.95 if name == BARE else 1))
     lost = sum(len(answers.statuses) - answers.count(200, 299) for found in runs.values() for answers in found)
     names = dict.fromkeys(name for name, _ in runs)
     head = " | ".join(f"{clients} clients: photos/s | p99, ms" for clients in LEVELS)
@@ -53,11 +53,11 @@ def _commands(others: Path | None) -> dict[str, tuple[list[str], str]]:
     """Each server's command, and where it tells that it is up."""
     commands = {
         OURS: (hof(threads=1), "/health/ready"),
-        BARE: ([sys.executable, "-m", "benchmarks.peers.bare", "{port}"], "/health/ready"),
+        BARE: ([sys.executable, "-m", "benchmarks.load.peers.bare", "{port}"], "/health/ready"),
     }
     if others is not None:
-        lit = [str(others / "bin" / "python"), "-m", "benchmarks.peers.litserve_peer", "{port}"]
-        bento = [str(others / "bin" / "bentoml"), "serve", "benchmarks.peers.bentoml_peer:Peer", "--port={port}"]
+        lit = [str(others / "bin" / "python"), "-m", "benchmarks.load.peers.litserve_peer", "{port}"]
+        bento = [str(others / "bin" / "bentoml"), "serve", "benchmarks.load.peers.bentoml_peer:Peer", "--port={port}"]
         commands |= {"LitServe": (lit, "/health"), "BentoML": ([*bento, "--host=127.0.0.1"], "/readyz")}
     return commands
 

@@ -1,6 +1,6 @@
-"""Damaged images at a real server: every one is answered, none by a fault. `python -m benchmarks.fuzz --count 10000`.
+"""Send damaged images to a real server; none may cause a fault. `python -m benchmarks.load.fuzz --count 10000`.
 
-What failed is told by its number: `tests.support.mutations.mutant(number)` makes it again.
+Failures are listed by number: `tests.support.mutations.mutant(number)` makes the image again.
 """
 
 import argparse
@@ -15,8 +15,8 @@ from typing import Final
 
 import aiohttp
 
-from benchmarks.generator import LOST, each, session
-from benchmarks.report import Asked, asked_table
+from benchmarks.load.generator import LOST, each, session
+from benchmarks.targets import Target, targets_table
 from service.settings import MIB
 from tests.support.mutations import mutant
 from tests.support.processes import hof, serving
@@ -40,17 +40,17 @@ class Found:
     is_live: bool = False
 
 
-def fuzz(asked: list[Asked], count: int) -> str:
+def fuzz(targets: list[Target], count: int) -> str:
     """Send so many damaged images and count the answers."""
     start = time.perf_counter()
     with serving(hof(threads=1), {SERVER_CORE}) as (url, pid):
         found = asyncio.run(_drive(url, pid, count))
     took_s = time.perf_counter() - start
     growth = found.memory[-1] / found.memory[0] - 1
-    asked += [
-        Asked("fuzz: answers of 5xx, or none", len(found.failed), 0, at_most=True),
-        Asked("fuzz: the server lives at the end", found.is_live, 1),
-        Asked("fuzz: growth of resident memory, %", 100 * growth, 10, at_most=True),
+    targets += [
+        Target("fuzz: answers of 5xx, or none", len(found.failed), 0, at_most=True),
+        Target("fuzz: the server lives at the end", found.is_live, 1),
+        Target("fuzz: growth of resident memory, %", 100 * growth, 10, at_most=True),
     ]
     rows = "\n".join(f"| {status} | {kind} | {number:,} |" for (status, kind), number in sorted(found.answers.items()))
     told = f"\n\nFailed, by number: {', '.join(map(str, found.failed[:100]))}." if found.failed else ""
@@ -99,10 +99,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Fuzz and print; 1 where an image was not answered as it should."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=10_000, help="images; default: 10,000")
-    asked: list[Asked] = []
-    section = fuzz(asked, parser.parse_args(argv).count)
-    print(section, asked_table(asked), sep="\n\n")
-    return 0 if all(item.met for item in asked) else 1
+    targets: list[Target] = []
+    section = fuzz(targets, parser.parse_args(argv).count)
+    print(section, targets_table(targets), sep="\n\n")
+    return 0 if all(item.met for item in targets) else 1
 
 
 if __name__ == "__main__":

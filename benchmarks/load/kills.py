@@ -7,13 +7,13 @@ from typing import Final
 
 import numpy as np
 
-from benchmarks.report import Asked
+from benchmarks.targets import Target
 from tests.support.ledger import WRITERS, Ledger, kill, lost, stop
 
 MOST_WRITES: Final = 100  # before a kill
 
 
-def faults(asked: list[Asked], kills: int, stops: int) -> str:
+def faults(targets: list[Target], kills: int, stops: int) -> str:
     """Kill the service so many times, stop it so many times, and count what is missing."""
     draw, ledger, missing = random.Random(0), Ledger(), 0  # noqa: S311
     with tempfile.TemporaryDirectory() as name:
@@ -24,10 +24,10 @@ def faults(asked: list[Asked], kills: int, stops: int) -> str:
         stopped = [stop(folder, ledger) for _ in range(stops)]
         missing += len(lost(folder, ledger))
     unready = np.array([each.unready_ms for each in stopped])
-    asked += [
-        Asked(f"{kills} kills: acknowledged objects that are lost or half there", missing, 0, at_most=True),
-        Asked("stopped: ms until it is unready, the slowest", float(unready.max()), 100, at_most=True),
-        Asked("stopped: calls that broke off", sum(each.broken for each in stopped), 0, at_most=True),
+    targets += [
+        Target(f"{kills} kills: acknowledged objects that are lost or half there", missing, 0, at_most=True),
+        Target("stopped: ms until it is unready, the slowest", float(unready.max()), 100, at_most=True),
+        Target("stopped: calls that broke off", sum(each.broken for each in stopped), 0, at_most=True),
     ]
     return (
         f"## Faults: SIGKILL {kills} times, SIGTERM {stops} times, amid the writes of {WRITERS} clients\n\n"

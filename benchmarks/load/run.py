@@ -18,19 +18,19 @@ from typing import Any, Final
 
 import numpy as np
 
-from benchmarks.comparison import compare
-from benchmarks.fuzz import fuzz
-from benchmarks.kills import faults
-from benchmarks.overload import overload, tried
-from benchmarks.report import Asked, asked_table
-from benchmarks.timing import in_turn
+from benchmarks.load.beside_peers import compare
+from benchmarks.load.fuzz import fuzz
+from benchmarks.load.kills import faults
+from benchmarks.load.overload import overload, tried
+from benchmarks.speed.timing import in_turn
+from benchmarks.targets import Target, targets_table
 from model.provenance import provenance
 from service.encoding.encoder import Encoder
 from service.runtime.batcher import MAX_BATCH, Batcher
 from service.settings import SHIPPED_MODEL
 from tests.support.resources import SERVER_CORE, others, pin_to
 
-FOLDER: Final = Path(__file__).resolve().parent
+FOLDER: Final = Path(__file__).resolve().parents[1]
 PARTS: Final = ("batching", "overload", "tried", "peers", "faults", "fuzz")
 SIZES: Final = (1, 2, 4, 8, 16)
 
@@ -48,9 +48,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     record: Path = arguments.output / "load.json"
     parts = json.loads(record.read_text("utf-8")) if record.exists() else {}
     for name in arguments.parts:
-        asked: list[Asked] = []
-        text = _measure(name, asked, arguments.peers, quick=arguments.quick)
-        parts[name] = {**made, "asked": [asdict(item) for item in asked], "text": text}
+        targets: list[Target] = []
+        text = _measure(name, targets, arguments.peers, quick=arguments.quick)
+        parts[name] = {**made, "targets": [asdict(item) for item in targets], "text": text}
         record.write_text(json.dumps(parts, indent=1) + "\n", encoding="utf-8")
     page = _page([parts[name] for name in PARTS if name in parts])
     (arguments.output / "LOAD.md").write_text(page, encoding="utf-8")
@@ -58,33 +58,33 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _measure(name: str, asked: list[Asked], peers: Path | None, *, quick: bool) -> str:
+def _measure(name: str, targets: list[Target], peers: Path | None, *, quick: bool) -> str:
     """One part's section."""
     match name:
         case "batching":
-            return batching(asked, 3 if quick else 30)
+            return batching(targets, 3 if quick else 30)
         case "overload":
-            return overload(asked, *((1, 2) if quick else (3, 60)))
+            return overload(targets, *((1, 2) if quick else (3, 60)))
         case "tried":
             return tried(*((1, 2) if quick else (3, 20)))
         case "peers":
-            return compare(asked, SERVER_CORE, 1 if quick else 5, 0.5 if quick else 5, peers)
+            return compare(targets, SERVER_CORE, 1 if quick else 5, 0.5 if quick else 5, peers)
         case "faults":
-            return faults(asked, *((2, 1) if quick else (100, 10)))
-    return fuzz(asked, 200 if quick else 10_000)
+            return faults(targets, *((2, 1) if quick else (100, 10)))
+    return fuzz(targets, 200 if quick else 10_000)
 
 
 def _page(parts: Sequence[dict[str, Any]]) -> str:
-    asked = [Asked(**item) for part in parts for item in part["asked"]]
+    targets = [Target(**item) for part in parts for item in part["targets"]]
     sections = (f"{part['text']}\n\n{part['machine']}; {part['date']}, commit {part['commit']}.\n" for part in parts)
     return (
         "# Under load\n\nWritten by `make load`. The server has one core and `--threads 1`, the load comes from "
-        f"another, over loopback. Photos are JPEGs of 512 x 512, each other bytes.\n\n{asked_table(asked)}\n\n"
+        f"another, over loopback. Photos are JPEGs of 512 x 512, each other bytes.\n\n{targets_table(targets)}\n\n"
         + "\n".join(sections)
     )
 
 
-def batching(asked: list[Asked], rounds: int) -> str:
+def batching(targets: list[Target], rounds: int) -> str:
     """What a shared call gains, and what it costs one who is alone."""
     encoder = Encoder.open(SHIPPED_MODEL, 1)
     side = encoder.framing.size
@@ -93,9 +93,9 @@ def batching(asked: list[Asked], rounds: int) -> str:
     per_image = {size: 1000 * float(np.median(times[str(size)])) / size for size in SIZES}
     gains = {size: float(np.median(times["1"] * size / times[str(size)])) for size in SIZES}
     added = _added_ms(encoder, images[:1], rounds)
-    asked += [
-        Asked(f"batching: gain of a call of {MAX_BATCH} over {MAX_BATCH} calls", gains[MAX_BATCH], 1.2),
-        Asked("batching: added to one image alone, ms", added, 1, at_most=True),
+    targets += [
+        Target(f"batching: gain of a call of {MAX_BATCH} over {MAX_BATCH} calls", gains[MAX_BATCH], 1.2),
+        Target("batching: added to one image alone, ms", added, 1, at_most=True),
     ]
     rows = "\n".join(f"| {size} | {per_image[size]:.2f} | {gains[size]:.2f} |" for size in SIZES)
     return (

@@ -12,7 +12,7 @@ import onnxruntime as ort
 import torch
 from onnx import TensorProto, helper, numpy_helper
 
-from benchmarks.networks import Network
+from benchmarks.speed.networks import Network
 from service.mapping.spec import Array
 
 Evaluate = Callable[[Array], Array]

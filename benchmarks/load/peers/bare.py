@@ -11,7 +11,7 @@ from typing import Any
 import uvicorn
 from fastapi import FastAPI, Request
 
-from benchmarks.peers.work import Work
+from benchmarks.load.peers.work import Work
 from service.storage.store import Store
 
 

@@ -17,9 +17,9 @@ from typing import Final
 import aiohttp
 import numpy as np
 
-from benchmarks.generator import each, session
-from benchmarks.photos import photos
-from benchmarks.report import Asked, asked_table
+from benchmarks.load.generator import each, session
+from benchmarks.load.photos import photos
+from benchmarks.targets import Target, targets_table
 from model.provenance import provenance
 from service.formats.weights import Weights, dump
 from service.mapping.spec import HOF_1, initial_theta
@@ -40,7 +40,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Send so many requests of every kind and fit a line to the server's resident memory."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--requests", type=int, default=200_000)
-    parser.add_argument("-o", "--output", type=Path, default=Path(__file__).resolve().parent)
+    parser.add_argument("-o", "--output", type=Path, default=Path(__file__).resolve().parents[1])
     arguments = parser.parse_args(argv)
     requests: int = arguments.requests
     made = provenance(0)
@@ -50,15 +50,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         memory, statuses = asyncio.run(_drive(url, pid, requests))
     took = time.perf_counter() - start
     slope, error = _slope(memory[int(WARM_UP * len(memory)) :], int((1 - WARM_UP) * requests))
-    asked = [
-        Asked("slope of resident memory over its standard error", slope / error, 2, at_most=True),
-        Asked("answers of 5xx", sum(count for status, count in statuses.items() if status >= 500), 0, at_most=True),
+    targets = [
+        Target("slope of resident memory over its standard error", slope / error, 2, at_most=True),
+        Target("answers of 5xx", sum(count for status, count in statuses.items() if status >= 500), 0, at_most=True),
     ]
     told = ", ".join(f"{status or 'left'}: {count:,}" for status, count in sorted(statuses.items()))
     page = (
         f"# Soak: {requests:,} mixed requests, {CLIENTS} clients, {took:.0f} s\n\nWritten by `make soak`. "
         f"{made['machine']}; {made['date']}, commit {made['commit']}. The server has one core and `--threads 1`.\n\n"
-        f"{asked_table(asked)}\n\n"
+        f"{targets_table(targets)}\n\n"
         "New photos, repeats, points, surfaces, weights, lists, compositions, imports, deletions, bad bodies, "
         "unknown ids, clients that leave. "
         f"Answers by status: {told}.\n\nResident memory after the first {WARM_UP:.0%}: {memory[-1] / MIB:.1f} "

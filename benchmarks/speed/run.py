@@ -14,17 +14,18 @@ from unittest import mock
 import numpy as np
 import torch
 
-from benchmarks import serving
-from benchmarks.networks import Network, deepsdf, foldingnet, mapping_network
-from benchmarks.report import Asked, Report, draw_runtime
-from benchmarks.rivals import RIVALS, Evaluate, Make, numpy_tiles
-from benchmarks.timing import TILES, Seconds, best_tile, in_turn, pin, ratio, seconds
+from benchmarks.speed import serving
+from benchmarks.speed.networks import Network, deepsdf, foldingnet, mapping_network
+from benchmarks.speed.page import Report, draw_runtime
+from benchmarks.speed.rivals import RIVALS, Evaluate, Make, numpy_tiles
+from benchmarks.speed.timing import TILES, Seconds, best_tile, in_turn, pin, ratio, seconds
+from benchmarks.targets import Target
 from service.mapping import compiled, folding
 from service.mapping.canonical import canonical_points
 from service.mapping.sampler import CHUNK, sample
 from service.mapping.spec import HOF_1, HOF_3, MappingSpec, initial_theta
 
-FOLDER: Final = Path(__file__).resolve().parent
+FOLDER: Final = Path(__file__).resolve().parents[1]
 SPECS: Final = (HOF_1, HOF_1.with_k(2), HOF_3)
 SIZES: Final = (1_000, 10_000, 100_000, 1_000_000)
 DECODER_POINTS: Final = 100_000
@@ -106,13 +107,13 @@ def _sampler_table(report: Report, rounds: int, quick: bool) -> None:
 
 
 def _judge_sampler(report: Report, times: dict[str, Seconds]) -> None:
-    """The asked figures of HOF-1, k = 1 at the largest n."""
+    """Compare with the targets of HOF-1, k = 1 at the largest n."""
     rivals = [name for name in times if name in RIVALS and name != "naive NumPy"]
     best = min(rivals, key=lambda name: float(np.median(times[name])))
-    report.asked += [
-        Asked(f"HOF-1, k = 1, NumPy against the best rival ({best})", ratio(times[best], times[OURS]), 1.8),
-        Asked("HOF-1, k = 1, NumPy against naive NumPy", ratio(times["naive NumPy"], times[OURS]), 15),
-        Asked("HOF-1, k = 1, [fast] against NumPy", ratio(times[OURS], times[FAST]), 2),
+    report.targets += [
+        Target(f"HOF-1, k = 1, NumPy against the best rival ({best})", ratio(times[best], times[OURS]), 1.8),
+        Target("HOF-1, k = 1, NumPy against naive NumPy", ratio(times["naive NumPy"], times[OURS]), 15),
+        Target("HOF-1, k = 1, [fast] against NumPy", ratio(times[OURS], times[FAST]), 2),
     ]
 
 
@@ -121,7 +122,7 @@ def _roofline(report: Report, network: Network, times: dict[str, Seconds], n: in
     peak = 2 * SIDE**3 / float(np.median(times.pop(PEAK)))
     fused_limit = peak / 2 / (FUSED_OPS * len(network.layers[0].w))  # a fused multiply-add is two operations
     rates = {name: n / float(np.median(took)) for name, took in times.items()}
-    report.asked.append(Asked("stretch: [fast] as a share of the fused limit", rates[FAST] / fused_limit, 0.75))
+    report.targets.append(Target("stretch: [fast] as a share of the fused limit", rates[FAST] / fused_limit, 0.75))
     report.roofline(peak, fused_limit, rates, network.flops)
 
 
@@ -151,8 +152,10 @@ def _decoder_table(report: Report, rounds: int, quick: bool, output: Path) -> No
     report.decoders(times, forms)
     draw_runtime(times, output / "runtime.png")
     at = times[sizes[-1]]
-    for name, asked in (("HOF-1, k = 1", 50), ("HOF-1, k = 1, [fast]", 120)):
-        report.asked.append(Asked(f"{name} against DeepSDF, n = {sizes[-1]:,}", ratio(at["DeepSDF"], at[name]), asked))
+    for name, limit in (("HOF-1, k = 1", 50), ("HOF-1, k = 1, [fast]", 120)):
+        report.targets.append(
+            Target(f"{name} against DeepSDF, n = {sizes[-1]:,}", ratio(at["DeepSDF"], at[name]), limit)
+        )
 
 
 def _best_form(network: Network, quick: bool) -> tuple[str, Evaluate]:
@@ -172,13 +175,15 @@ def _best_form(network: Network, quick: bool) -> tuple[str, Evaluate]:
 def _serving_table(report: Report, core: int, rounds: int) -> None:
     figures = serving.measure(core, rounds)
     report.serving(figures)
-    report.asked += [
-        Asked("HTTP, 1 M points as PLY: share of the bare sampler", ratio(figures.bare_s, figures.http_s), 0.7),
-        Asked("HTTP: extra memory for 10 M points, MiB", figures.extra_bytes / serving.MIB, 16, at_most=True),
+    report.targets += [
+        Target("HTTP, 1 M points as PLY: share of the bare sampler", ratio(figures.bare_s, figures.http_s), 0.7),
+        Target("HTTP: extra memory for 10 M points, MiB", figures.extra_bytes / serving.MIB, 16, at_most=True),
     ]
     for name in ("ply", "npy", "xyz", "f32", "pcd"):
         first_ms = 1000 * figures.first_byte_s[name]
-        report.asked.append(Asked(f"HTTP: first byte of 1 M points as {name.upper()}, ms", first_ms, 20, at_most=True))
+        report.targets.append(
+            Target(f"HTTP: first byte of 1 M points as {name.upper()}, ms", first_ms, 20, at_most=True)
+        )
 
 
 def _tiles(quick: bool) -> tuple[int, ...]:

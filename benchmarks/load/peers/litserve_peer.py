@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import litserve
 from fastapi import Body
 
-from benchmarks.peers.work import Work
+from benchmarks.load.peers.work import Work
 from service.runtime.batcher import MAX_BATCH
 from service.storage.store import Store
 

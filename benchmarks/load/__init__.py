@@ -1,0 +1,1 @@
+"""The service under load: batching, overload, peers, kills, damaged images, and the soak."""
