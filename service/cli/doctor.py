@@ -110,7 +110,7 @@ def _otel(settings: Settings) -> tuple[State, str]:
 
 
 def _extra(name: str, installed: bool, without: str) -> tuple[State, str]:
-    return ("ok", "installed") if installed else ("warn", f"{without}: pip install 'hof[{name}]'")
+    return ("ok", "installed") if installed else ("warn", f"{without}: pip install '.[{name}]' in the source folder")
 
 
 CHECKS: Final[dict[str, Callable[[Settings], tuple[State, str]]]] = {

@@ -22,5 +22,7 @@ def is_wanted() -> bool:
 def telemetry() -> TelemetryConfig:
     """What FastAPI is to send: spans, where a collector is named; figures are at /metrics and errors in the log."""
     if is_wanted() and not is_installed():
-        logger.warning("OTEL_EXPORTER_OTLP_ENDPOINT is set, but traces need the extra: pip install 'hof[otel]'")
+        logger.warning(
+            "OTEL_EXPORTER_OTLP_ENDPOINT is set, but traces need an extra: pip install '.[otel]' in the source folder"
+        )
     return {"auto_configure": is_installed(), "tracing": is_installed(), "metrics": False, "logs": False}

@@ -1,0 +1,76 @@
+"""The service runs with what it declares to require and nothing else: no torch. The layers: lint-imports."""
+
+import re
+import subprocess
+import sys
+from importlib.metadata import Distribution, distribution
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+from tests.support import ROOT
+
+NAME = "hof-service"
+RUN_TIMEOUT_S = 120
+
+
+def _required(name: str, extras: frozenset[str] = frozenset()) -> dict[str, Distribution]:
+    """Return a distribution and all that it requires here, by name, as pip would install them."""
+    name = canonicalize_name(name)
+    distributions: dict[str, Distribution] = {name: distribution(name)}
+    for requirement in map(Requirement, distributions[name].requires or ()):
+        marker = requirement.marker
+        if marker is None or any(marker.evaluate({"extra": extra}) for extra in extras | {""}):
+            distributions |= _required(requirement.name, frozenset(requirement.extras))
+    return distributions
+
+
+@pytest.fixture
+def site(tmp_path: Path) -> Path:
+    """Folder of packages that holds the service and only those installed packages that it requires."""
+    folder = tmp_path / "site"
+    folder.mkdir()
+    (folder / "service").symlink_to(ROOT / "service")
+    for name, package in _required(NAME).items():
+        tops = {file.parts[0] for file in package.files or () if file.parts[0] not in ("..", "__pycache__")}
+        for top in tops if name != NAME else ():
+            (folder / top).symlink_to(Path(str(package.locate_file(top))))
+    return folder
+
+
+BARE = """
+import sys
+sys.path = [sys.argv.pop(1), *(path for path in sys.path if "site-packages" not in path)]
+from service.cli.main import main
+status = main(sys.argv[1:])
+assert not {"torch", "model", "onnx", "scipy", "safetensors"} & set(sys.modules)
+sys.exit(status)
+"""
+
+
+@pytest.mark.parametrize("command", ["encode photo.png -o points.glb", "openapi"])
+def test_service_with_its_requirements_alone_runs(
+    site: Path, tmp_path: Path, model_path: Path, photo: bytes, command: str
+) -> None:
+    (tmp_path / "photo.png").write_bytes(photo)
+    run = subprocess.run(
+        [sys.executable, "-I", "-S", "-c", BARE, str(site), *command.split()],
+        cwd=tmp_path,
+        env={"HOF_MODEL": str(model_path)},
+        capture_output=True,
+        text=True,
+        timeout=RUN_TIMEOUT_S,
+        check=False,
+    )
+    assert (run.returncode, run.stderr) == (0, "")
+    assert run.stdout == ((ROOT / "openapi.json").read_text() if command == "openapi" else "")
+
+
+def test_sources_advise_no_install_of_the_other_project_named_hof() -> None:
+    files = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    kinds = (".py", ".md", ".yaml", "Makefile", "Dockerfile")
+    texts = [ROOT / name for name in files.split("\0") if name.endswith(kinds)]
+    advice = re.compile(r"pip install (?:-\S+ )*['\"]?hof\b(?!-)")
+    assert [path.name for path in texts if path.is_file() and advice.search(path.read_text("utf-8"))] == []
