@@ -19,7 +19,8 @@ from torch import nn
 
 from model.config import TrainConfig
 from model.networks.color_head import ColoredEncoder, ColorHead
-from model.networks.encoder import ImageEncoder, power
+from model.networks.encoder import ImageEncoder
+from model.networks.mapping import power
 from service import mapping
 from service.encoding.encoder import FORMAT, Encoder
 from service.files import whole_file

@@ -7,7 +7,7 @@ import numpy.typing as npt
 import torch
 from tqdm import tqdm
 
-from model.networks.encoder import power
+from model.networks.mapping import power
 from model.training.losses import chamfer
 from service.mapping.canonical import canonical_points
 from service.mapping.spec import MappingSpec, initial_theta

@@ -14,8 +14,8 @@ import torch.nn.functional as nnf
 from torch import Tensor, nn
 
 from model.config import TrainConfig
-from model.networks.encoder import ImageEncoder, power
-from model.networks.trunk import HALF, ImageTrunk
+from model.networks.encoder import HALF, ImageEncoder, ImageTrunk
+from model.networks.mapping import power
 
 DEEPSDF_CODE: Final = 256
 FOLDINGNET_CODE: Final = 512

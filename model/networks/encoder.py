@@ -1,22 +1,63 @@
-"""The image encoder g_phi and the torch twin of the mapping function f_theta."""
+"""The image encoder g_phi: an image becomes theta (paper, eq. 1; appendix: baseline encoder).
+
+Top to bottom: the image encoder and its last layer; the trunk in front of them, which the compared methods share;
+the trunk's convolutions, the paper's DenseNet or a pretrained EfficientNet-Lite0 (`model.networks.lite0`).
+`model.networks.mapping` turns theta into points.
+"""
 
 from typing import Final
 
 import torch
+import torch.nn.functional as nnf
 from torch import Tensor, nn
 
 from model.config import EncoderConfig
-from model.networks.ops import fused_mlp
-from model.networks.trunk import ImageTrunk
+from model.networks import lite0
+from model.networks.lite0 import Lite0
 from service.mapping.spec import MappingSpec, initial_theta
 
 HEAD_SCALE: Final = 0.2  # of theta_0: how far objects differ at the start; exactly zero stalls
+DROPOUT: Final = 0.2  # of the maps at the end of the pretrained convolutions
+HALF: Final = any(map(torch.cpu.get_capabilities().get, ("amx_bf16", "avx512_bf16")))  # bfloat16 is faster here
+
+
+class ImageTrunk(nn.Module):
+    """Convolutions and fully connected layers that every method shares: an RGB image becomes features.
+
+    `width` is the number of features: the rank, or without one the width of the last fully connected layer. In
+    training the trunk computes in bfloat16 where the CPU gains by it; in evaluation always in float32.
+    """
+
+    def __init__(self, config: EncoderConfig, size: int) -> None:
+        super().__init__()
+        self.features = DenseMaps(config) if config.trunk == "dense" else LiteMaps(config)
+        width = self.features.maps * (size // self.features.stride) ** 2
+        dense: list[nn.Module] = []
+        for n_out in config.fully_connected:
+            dense += [nn.Linear(width, n_out), nn.ReLU()]
+            width = n_out
+        if config.rank:
+            dense += [nn.Linear(width, config.rank), nn.LayerNorm(config.rank)]
+            width = config.rank
+        self.dense = nn.Sequential(*dense)
+        self.width = width
+
+    def forward(self, image: Tensor) -> Tensor:
+        """(b, 3, size, size) in [0, 1] -> (b, width)."""
+        return self.look(image)[1]
+
+    def look(self, image: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the last feature maps (b, maps, side, side) of images (b, 3, size, size), and features (b, width)."""
+        with torch.autocast("cpu", torch.bfloat16, enabled=HALF and self.training):
+            maps: Tensor = self.features(image)
+            features: Tensor = self.dense(maps.flatten(1))
+        return maps.float(), features.float()
 
 
 class ImageEncoder(ImageTrunk):
-    """g_phi: an RGB image -> theta (paper, eq. 1).
+    """g_phi: an RGB image becomes theta (paper, eq. 1).
 
-    The last layer starts as theta_0, one ordinary initialisation of f, plus small weights, so that
+    The last layer starts as theta_0, an ordinary initialization of f, plus small weights, so that
     every object starts as the same sane function.
     """
 
@@ -31,9 +72,9 @@ class ImageEncoder(ImageTrunk):
 
 
 class ThetaHead(nn.Module):
-    """theta = theta_0 + scale * (W h + b), scale being the spread of each layer's own initialisation.
+    """theta = theta_0 + scale * (W h + b), scale being the spread of each layer's own initialization.
 
-    With it one step of Adam moves every layer of f by the same share of its size; without it the first
+    The scale lets one step of Adam move every layer of f by the same share of its size. Without it the first
     steps blow f up, since the 1,024 hidden units of HOF-1 move together.
     """
 
@@ -60,36 +101,69 @@ class ThetaHead(nn.Module):
         return theta
 
 
-def power(spec: MappingSpec, theta: Tensor, x: Tensor) -> Tensor:
-    """f_theta^k(x) for a batch (paper, eq. 4): (b, size), (b, n, input_dim) -> (b, n, 3)."""
-    if spec.is_one_relu_layer:
-        return _fused_power(spec, theta, x)
-    *hidden, (w_last, b_last) = split_theta(spec, theta)
-    folded = [torch.cat([w, b.unsqueeze(2)], dim=2).transpose(1, 2) for w, b in hidden]  # bias as one more input
-    ones = x.new_ones(1, 1, 1).expand(x.shape[0], x.shape[1], 1)
-    for _ in range(spec.k):
-        for w in folded:
-            x = torch.bmm(torch.cat([x, ones], dim=2), w)  # (b, n, out)
-            x = x.relu_() if spec.activation == "relu" else x.tanh_()
-        x = torch.baddbmm(b_last.unsqueeze(1), x, w_last.transpose(1, 2))
-    return x
+class DenseMaps(nn.Sequential):
+    """The DenseNet of the paper's baseline encoder."""
+
+    def __init__(self, config: EncoderConfig) -> None:
+        blocks: list[nn.Module] = [nn.Conv2d(3, config.feature_maps[0], 3, stride=2, padding=1, bias=False)]
+        maps = config.feature_maps[0]
+        for growth in config.feature_maps:
+            blocks.append(DenseBlock(maps, growth, config.convolutions))
+            grown = maps + config.convolutions * growth
+            maps = grown // 2
+            blocks += [nn.BatchNorm2d(grown), nn.ReLU(), nn.Conv2d(grown, maps, 1, bias=False), nn.AvgPool2d(2)]
+        super().__init__(*blocks)
+        self.maps = maps
+        self.stride = 2 ** (1 + len(config.feature_maps))
+
+    def forward(self, images: Tensor) -> Tensor:
+        """(b, 3, s, s) in [0, 1] -> (b, `maps`, s / `stride`, s / `stride`)."""
+        maps: Tensor = super().forward(2 * images - 1)  # type: ignore[no-untyped-call]
+        return maps
 
 
-def _fused_power(spec: MappingSpec, theta: Tensor, x: Tensor) -> Tensor:
-    """`power` of a spec with one hidden layer."""
-    (w, b), (v, c) = split_theta(spec, theta)
-    layers = [w.transpose(1, 2).contiguous(), b.contiguous(), v.contiguous(), c.contiguous()]
-    x = x.transpose(1, 2).contiguous()
-    for _ in range(spec.k):
-        x = fused_mlp.FusedLayers.apply(*layers, x)  # type: ignore[no-untyped-call]
-    return x.transpose(1, 2)
+class DenseBlock(nn.Module):
+    """`convolutions` 3x3 convolutions, each reading all maps before it and adding `growth`."""
+
+    def __init__(self, maps: int, growth: int, convolutions: int) -> None:
+        super().__init__()
+        self.layers = nn.ModuleList(
+            nn.Sequential(
+                nn.BatchNorm2d(maps + index * growth),
+                nn.ReLU(),
+                nn.Conv2d(maps + index * growth, growth, 3, padding=1, bias=False),
+            )
+            for index in range(convolutions)
+        )
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(b, maps, h, w) -> (b, maps + convolutions * growth, h, w)."""
+        for layer in self.layers:
+            x = torch.cat([x, layer(x)], dim=1)
+        return x
 
 
-def split_theta(spec: MappingSpec, theta: Tensor) -> list[tuple[Tensor, Tensor]]:
-    """Views [(W (b, out, in), b (b, out)), ...] of a batch of thetas (b, size), first layer first."""
-    views, start = [], 0
-    for n_out, n_in in spec.shapes:
-        middle, end = start + n_out * n_in, start + n_out * n_in + n_out
-        views.append((theta[:, start:middle].reshape(-1, n_out, n_in), theta[:, middle:end]))
-        start = end
-    return views
+class LiteMaps(nn.Module):
+    """A pretrained EfficientNet-Lite0: its last maps, reduced in number, then its finer maps, four cells to one."""
+
+    def __init__(self, config: EncoderConfig) -> None:
+        super().__init__()
+        self.lite0 = Lite0(config.frozen)
+        self.joined = nn.Conv2d(lite0.MAPS, config.joined_maps, 1)
+        self.fine = nn.Conv2d(lite0.FINE_MAPS, config.fine_maps, 1) if config.fine_maps else None
+        self.maps = config.joined_maps + 4 * config.fine_maps
+        self.stride = lite0.STRIDE
+
+    def forward(self, images: Tensor) -> Tensor:
+        """(b, 3, s, s) in [0, 1] -> (b, `maps`, s / `stride`, s / `stride`)."""
+        fine, last = self.lite0.look(images)
+        maps = self.joined(last)
+        if self.fine is not None:
+            maps = torch.cat([maps, _unshuffle(self.fine(fine), self.fine.out_channels)], dim=1)
+        return nnf.dropout(nnf.relu(maps), DROPOUT, self.training)
+
+
+def _unshuffle(maps: Tensor, count: int) -> Tensor:
+    """Return nnf.pixel_unshuffle(maps, 2) of `count` maps, by convolution: torch's exporter then knows the sizes."""
+    kernels = torch.eye(4, device=maps.device).view(4, 1, 2, 2).repeat(count, 1, 1, 1)
+    return nnf.conv2d(maps, kernels, stride=2, groups=count)

@@ -19,7 +19,8 @@ from model.config import ColorConfig
 from model.data.augment import WHITE_LIGHT
 from model.data.dataset import Batch, draw_batch, load_examples
 from model.networks.color_head import ColorHead, color_spec, look, save
-from model.networks.encoder import ImageEncoder, power
+from model.networks.encoder import ImageEncoder
+from model.networks.mapping import power
 from model.networks.ops.nearest import nearest
 from model.provenance import provenance
 from model.training.checkpoints import chosen_checkpoint, load_encoder

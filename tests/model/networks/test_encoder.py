@@ -8,7 +8,8 @@ import torch
 
 from model.config import EncoderConfig, TrainConfig
 from model.metrics import compare, interval
-from model.networks.encoder import HEAD_SCALE, ImageEncoder, power
+from model.networks.encoder import HEAD_SCALE, ImageEncoder
+from model.networks.mapping import power
 from service import mapping
 from service.mapping.canonical import canonical_points
 from service.mapping.spec import HOF_1, HOF_3, MappingSpec

@@ -15,9 +15,8 @@ from model.data.dataset import Batch
 from model.evaluation.features import _Pooled
 from model.export import TOLERANCE, export
 from model.networks.color_head import ColorHead, color_spec, look
-from model.networks.encoder import ImageEncoder
+from model.networks.encoder import ImageEncoder, _unshuffle
 from model.networks.lite0 import FINE_MAPS, MAPS, MEAN, SPREAD, Lite0, load_imagenet
-from model.networks.trunk import _unshuffled
 from model.training.checkpoints import load_network
 from model.training.train import _State, _step
 from service.encoding.encoder import Encoder
@@ -75,8 +74,8 @@ def test_a_step_moves_what_is_not_frozen_and_the_pretrained_part_less(lite0: Lit
 
 
 def test_cores_that_share_a_batch_find_the_gradients_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("model.networks.trunk.DROPOUT", 0.0)
-    monkeypatch.setattr("model.networks.trunk.HALF", False)
+    monkeypatch.setattr("model.networks.encoder.DROPOUT", 0.0)
+    monkeypatch.setattr("model.networks.encoder.HALF", False)
     found, losses = [], []
     for count in (1, 3):  # 3 parts of 4 images: 2, 1 and 1
         state = _State.begin(CONFIG)
@@ -149,6 +148,6 @@ def test_torch_and_onnxruntime_agree(fine_maps: int, tmp_path: Path) -> None:
         assert Encoder.open(path, threads=1).framing == config.framing
 
 
-def test_four_cells_become_one_as_torch_has_it() -> None:
+def test_unshuffle_is_that_of_torch() -> None:
     maps = torch.rand(2, 3, 8, 6)
-    assert torch.equal(_unshuffled(maps, 3), nnf.pixel_unshuffle(maps, 2))
+    assert torch.equal(_unshuffle(maps, 3), nnf.pixel_unshuffle(maps, 2))

@@ -14,7 +14,8 @@ from model.data.dataset import draw_batch, load_examples
 from model.evaluation.color import object_mean
 from model.export import TOLERANCE, color_parity, export
 from model.networks.color_head import ColoredEncoder, ColorHead, color_spec, digest, load, look, save
-from model.networks.encoder import ImageEncoder, power
+from model.networks.encoder import ImageEncoder
+from model.networks.mapping import power
 from model.training.checkpoints import load_encoder
 from model.training.train import _State
 from model.training.train_color import Seen, _Learner, see
