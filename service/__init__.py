@@ -2,7 +2,7 @@
 
 import os
 
-__version__ = "0.1.0"
+__version__ = "0.2.0.dev0"
 
 # onnxruntime's wheels send events about sessions to their maker, and keep an id for that in the user's cache, unless
 # this is set before onnxruntime starts (its Privacy.md; seen with 1.31.1).
