@@ -16,7 +16,7 @@ def nearest(queries: Tensor, targets: Tensor) -> Tensor:
     queries, targets = queries.detach(), targets.detach()
     half = 0.5 * targets.square().sum(2).unsqueeze(1)  # (b, 1, m)
     across = targets.transpose(1, 2)
-    parts = queries.split(_rows(len(queries), targets.shape[1]), dim=1)
+    parts = torch.split(queries, _rows(len(queries), targets.shape[1]), dim=1)
     return torch.cat([torch.baddbmm(half, part, across, alpha=-1).argmin(2) for part in parts], dim=1)
 
 
@@ -31,7 +31,7 @@ class RecomputedLayers(torch.autograd.Function):
     def forward(ctx: Any, w: Tensor, b: Tensor, v: Tensor, c: Tensor, x: Tensor) -> Tensor:  # noqa: ANN401
         """Return the points."""
         ctx.save_for_backward(w, b, v, x)
-        hidden = (_hidden(w, b, part).relu_() for part in x.split(_rows(*b.shape), dim=2))
+        hidden = (_hidden(w, b, part).relu_() for part in torch.split(x, _rows(*b.shape), dim=2))
         return torch.cat([torch.baddbmm(c.unsqueeze(2), v, part) for part in hidden], dim=2)
 
     @staticmethod
@@ -41,7 +41,7 @@ class RecomputedLayers(torch.autograd.Function):
         g = gradients[0]
         gw, gb, gv, gx = torch.zeros_like(w), torch.zeros_like(b), torch.zeros_like(v), []
         rows = _rows(*b.shape)
-        for points, gradient in zip(x.split(rows, dim=2), g.split(rows, dim=2), strict=True):
+        for points, gradient in zip(torch.split(x, rows, dim=2), torch.split(g, rows, dim=2), strict=True):
             hidden = _hidden(w, b, points)
             slope = torch.bmm(v.transpose(1, 2), gradient).masked_fill_(hidden <= 0, 0)  # (b, h, n)
             gw += torch.bmm(points, slope.transpose(1, 2))

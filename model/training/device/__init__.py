@@ -1,0 +1,1 @@
+"""Training with data, augmentation and optimizer all on one device. Needs torch, NumPy and Pillow alone."""
