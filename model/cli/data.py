@@ -5,6 +5,8 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from model.cli.pack import add_pack
+
 if TYPE_CHECKING:
     from model.data.sources.meshes import MeshRecord
 
@@ -45,6 +47,7 @@ def add_stages(data: "argparse._SubParsersAction[argparse.ArgumentParser]") -> N
     photographs = data.add_parser("photographs", help="download free photographs to stand behind objects in training")
     photographs.set_defaults(run=_photographs)
     photographs.add_argument("--data", type=Path, default=DATA)
+    add_pack(data.add_parser("pack", help="write a data set as a few large files, to train from on a GPU"), DATA)
     preview = data.add_parser("preview", help="write a contact sheet of views and points")
     preview.set_defaults(run=_preview)
     preview.add_argument("--data", type=Path, default=DATA)

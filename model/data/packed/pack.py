@@ -17,6 +17,7 @@ from tqdm import tqdm
 from model.data.augment import oversize
 from model.data.dataset import MADE_A_DRAW, OWN, VISIBLE
 from model.data.manifest import Manifest, made_files, variant_files
+from model.data.packed.options import PackOptions
 from model.data.packed.photographs import pack_photographs
 from model.data.packed.shards import FORMAT, INDEX, SHARDS, PackedShape, Row, quantize, read_table, write_shard
 from model.data.packed.strips import encode_strip
@@ -24,38 +25,6 @@ from service.encoding.framing import Framing, frame
 from service.files import whole_file
 
 AHEAD: Final = 64  # shapes encoded at most before they are needed
-
-
-@dataclass(frozen=True)
-class PackOptions:
-    """What is kept of a data set.
-
-    framing : of the encoder; views are stored at the size that training cuts its crops from.
-    quality : of WebP; None is lossless. Masks are lossless always.
-    variants, made : whether variants and made pieces are packed.
-    variant_views, made_views : most views kept of a variant and of a made piece; 0 keeps all.
-    variant_points, made_points : points kept of them; an object's own shapes keep all.
-    max_bytes : of a shard.
-    """
-
-    framing: Framing
-    quality: int | None = 90
-    variants: bool = True
-    made: bool = True
-    variant_views: int = 0
-    made_views: int = 0
-    variant_points: int = 3_000
-    made_points: int = 3_000
-    max_bytes: int = 24_000_000
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the options that a shard's content depends on, as plain values."""
-        return {"format": FORMAT, "side": self.side, **asdict(self)}
-
-    @property
-    def side(self) -> int:
-        """Pixels a side of a stored view."""
-        return self.framing.size * oversize(self.framing.size)
 
 
 @dataclass(frozen=True)
@@ -90,10 +59,10 @@ def pack(folders: Sequence[Path], output: Path, options: PackOptions, processes:
         ProcessPoolExecutor(processes, mp_context=context) as pool,
         tqdm(total=len(jobs), initial=finished, unit="shape", desc="pack") as bar,
     ):
-        for shapes in _grouped(_packed(pool, jobs[finished:]), options.max_bytes):
+        for shapes in _grouped(_packed(pool, jobs[finished:]), options.shard_bytes):
             path = output / f"shard-{len(shards):03d}.npz"
             with whole_file(path) as file:
-                write_shard(file, shapes, options.to_dict())
+                write_shard(file, shapes, asdict(options))
             shards.append(path)
             bar.update(len(shapes))
     with whole_file(output / INDEX) as file:
@@ -104,7 +73,9 @@ def pack(folders: Sequence[Path], output: Path, options: PackOptions, processes:
 def _jobs(folder: Path, options: PackOptions, prefixed: bool) -> Iterator[_Job]:
     """Yield the files of a data set in the order in which they are packed."""
     prefix = f"{folder.name}/" if prefixed else ""
-    large = Framing(options.side, options.framing.foreground_ratio)
+    size = options.framing.size
+    large = Framing(size * oversize(size), options.framing.foreground_ratio)
+    quality = None if options.lossless else options.quality
     for entry in Manifest.read(folder).entries:
         if entry.split == "test":
             continue
@@ -113,11 +84,11 @@ def _jobs(folder: Path, options: PackOptions, prefixed: bool) -> Iterator[_Job]:
             own = number < OWN
             limits = (0, 0) if own else (options.variant_views, options.variant_points)
             row = Row(prefix + entry.id, entry.id, entry.source, entry.split, own, (), 0, colored=False)
-            yield _Job(path, row, large, options.quality, *limits)
+            yield _Job(path, row, large, quality, *limits)
     for number, path in enumerate(made_files(folder) if options.made else []):
         unit = f"{prefix}made/{number // MADE_A_DRAW}"
         row = Row(unit, path.stem, "made", "train", own=False, views=(), points=0, colored=False)
-        yield _Job(path, row, large, options.quality, options.made_views, options.made_points)
+        yield _Job(path, row, large, quality, options.made_views, options.made_points)
 
 
 def _finished(shards: list[Path], jobs: list[_Job], options: PackOptions) -> int:
@@ -127,7 +98,7 @@ def _finished(shards: list[Path], jobs: list[_Job], options: PackOptions) -> int
     for path in shards:
         written, rows = read_table(path)
         here = [(row.unit, row.object) for row in rows]
-        if written != json.loads(json.dumps(options.to_dict())) or here != planned[count : count + len(rows)]:
+        if written != asdict(options) or here != planned[count : count + len(rows)]:
             raise ValueError(f"{path} was packed from other data or with other options: remove it or choose another -o")
         count += len(rows)
     return count
@@ -180,7 +151,7 @@ def _index(shards: list[Path], photographs: Path, options: PackOptions) -> dict[
         for row in rows:
             views[row.split] += len(row.views)
         described.append({**_describe(path), "shapes": len(rows), "views": dict(views)})
-    return {**options.to_dict(), "shards": described, "photographs": _describe(photographs)}
+    return {"format": FORMAT, **asdict(options), "shards": described, "photographs": _describe(photographs)}
 
 
 def _describe(path: Path) -> dict[str, Any]:

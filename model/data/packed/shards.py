@@ -5,7 +5,7 @@ A shard is an uncompressed .npz file that stands on its own, so that a reader ma
 - `strips`, `lengths`: one WebP image per shape, its views beside each other, concatenated; bytes of each.
 - `points`: (n, 3) int16, coordinate times SCALE, of all shapes in order; the order within a shape is random.
 - `colors`: (n, 3) uint8, sRGB of each point, zeros for shapes that have none.
-- `table`: JSON, `{"options": {...}, "shapes": [row, ...]}`; a row holds the fields of `Row`.
+- `table`: JSON, `{"format": 1, "options": {...}, "shapes": [row, ...]}`; a row holds the fields of `Row`.
 
 `index.json` beside the shards tells the options, and of each shard its SHA-256, bytes, shapes and views per split.
 """
@@ -14,6 +14,7 @@ import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Final
+from zipfile import BadZipFile
 
 import numpy as np
 import numpy.typing as npt
@@ -82,7 +83,7 @@ def quantize(points: Floats) -> Shorts:
 
 def write_shard(file: BinaryIO, shapes: list[PackedShape], options: dict[str, Any]) -> None:
     """Write shapes as one shard; equal shapes and options give equal bytes."""
-    table = {"options": options, "shapes": [asdict(shape.row) for shape in shapes]}
+    table = {"format": FORMAT, "options": options, "shapes": [asdict(shape.row) for shape in shapes]}
     np.savez(
         file,
         strips=np.frombuffer(b"".join(shape.strip for shape in shapes), np.uint8),
@@ -101,12 +102,12 @@ def read_table(path: Path) -> tuple[dict[str, Any], list[Row]]:
     ValueError : the file is no shard of this format.
     """
     try:
-        with np.load(path) as arrays:
+        with path.open("rb") as file, np.load(file) as arrays:
             table = json.loads(arrays["table"].tobytes())
         rows = [Row(**{**row, "views": tuple(row["views"])}) for row in table["shapes"]]
         options = dict(table["options"])
-    except (KeyError, TypeError, ValueError, EOFError, OSError) as error:
+    except (KeyError, TypeError, ValueError, EOFError, BadZipFile) as error:
         raise ValueError(f"{path} is no shard of `hof-model data pack`: {error!r}") from error
-    if options.get("format") != FORMAT:
-        raise ValueError(f"{path} has format {options.get('format')}, this version reads {FORMAT}: pack again")
+    if table.get("format") != FORMAT:
+        raise ValueError(f"{path} has format {table.get('format')}, this version reads {FORMAT}: pack again")
     return options, rows
