@@ -28,7 +28,7 @@ def add_stages(stages: "argparse._SubParsersAction[argparse.ArgumentParser]") ->
     stage.add_argument(
         "--model", type=Path, default=SHIPPED, help="exported encoder with k >= 2; default: the shipped one"
     )
-    _add_report(stage, "model/results")
+    _add_report(stage, "model/results/mixtures")
     stage = stages.add_parser("surfaces", help="measure surface methods for RESULTS.md")
     stage.set_defaults(run=_surfaces)
     stage.add_argument("--model", type=Path, default=SHIPPED, help="exported encoder; default: the shipped one")
@@ -136,17 +136,17 @@ def _mixtures(arguments: argparse.Namespace) -> None:
 
 
 def _surfaces(arguments: argparse.Namespace) -> None:
-    from model.evaluation.surfaces import FILE, measure_surfaces
-    from model.report.page import FOLDER
+    from model.evaluation.paths import SURFACES
+    from model.evaluation.surfaces import measure_surfaces
     from model.report.surfaces import section
 
     record = measure_surfaces(arguments.model, arguments.data, arguments.split, arguments.seed)
-    record.write(arguments.out / FOLDER / FILE)
+    record.write(arguments.out / SURFACES)
     print(section(record))
 
 
 def _results(arguments: argparse.Namespace) -> None:
-    from model.report.page import report
+    from model.report.results import report
 
     models = arguments.model or [SHIPPED, *sorted(set(SHIPPED.parent.glob("*.onnx")) - {SHIPPED})]
     print(report(models, arguments.data, arguments.split, arguments.out, arguments.seed))

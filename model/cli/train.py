@@ -37,7 +37,9 @@ def add_stages(stages: "argparse._SubParsersAction[argparse.ArgumentParser]") ->
     add_data(stage)
     stage.add_argument("methods", nargs="*", metavar="METHOD", help="of model/evaluation/compared.py; default: all")
     add_flags(stage, COMPARED_RUN, only=RETRAIN_FLAGS)
-    stage.add_argument("-o", "--output", type=Path, default=ROOT / "model" / "results", help="folder of the records")
+    stage.add_argument(
+        "-o", "--output", type=Path, default=ROOT / "model/results/compared", help="folder of the records"
+    )
 
 
 def _add_train(stage: argparse.ArgumentParser) -> None:

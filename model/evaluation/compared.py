@@ -33,6 +33,6 @@ def retrain(name: str, data: Path, split: Split, output: Path, steps: int, seed:
         raise ValueError(f"there is no method {name} to compare with: choose of {', '.join(COMPARED)}")
     run = RUNS / f"{name}-{steps}-{seed}"
     train(data, run, replace(COMPARED[name], steps=steps, seed=seed))
-    path = output / f"compared-{name}.json"
+    path = output / f"{name}.json"
     run_record(run, f"{name}, {steps:,} steps", data, split, seed).write(path)
     return path

@@ -35,7 +35,6 @@ Floats = npt.NDArray[np.float32]
 Indices = npt.NDArray[np.integer[Any]]
 Way = Callable[[Sampler], tuple[Floats, Indices]]  # an object -> vertices (v, 3) and triangles (t, 3)
 
-FILE: Final = "surfaces.json"  # in the folder of results
 CLOUD: Final = "its points"
 SERVED: Final = "shells through f, cut"
 METRICS: Final = ("f@1%", "f@2%")

@@ -1,7 +1,6 @@
 """The section of RESULTS.md on mixtures: written from the files of `hof-model mixtures`, its words too."""
 
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
@@ -18,27 +17,24 @@ from model.evaluation.mixtures import (
     measure,
     mixed_words,
 )
+from model.evaluation.paths import MIXTURES
 from model.metrics import interval
 from model.report.tables import spread, table
 from service.drawing.words import rows_of_words
 from service.encoding.encoder import Encoder
 
-FOLDER: Final = Path("model/results")  # below the project's root
-PREFIX: Final = "mixtures-"  # of the files
-
 
 def write(encoder: Encoder, data: Path, split: Split, root: Path, seed: int = 0) -> str:
     """Measure a model's mixtures; write the figures and the picture below `root`. Returns what RESULTS.md will say."""
     found, picture = measure(encoder, data, split, seed)
-    path = root / FOLDER / f"{PREFIX}{encoder.name}"
-    found.write(path.with_suffix(".json"))
-    picture.quantize(64).save(path.with_suffix(".png"), optimize=True)
+    found.write(root / MIXTURES / f"{encoder.name}.json")
+    picture.quantize(64).save(root / MIXTURES / f"{encoder.name}.png", optimize=True)
     return _of_model(found)
 
 
 def section(root: Path) -> str:
     """The whole section; empty where nothing has been measured. Raises ValueError for a file of something else."""
-    found = [Mixtures.read(path) for path in sorted((root / FOLDER).glob(f"{PREFIX}*.json"))]
+    found = [Mixtures.read(path) for path in sorted((root / MIXTURES).glob("*.json"))]
     if not found:
         return ""
     return f"""## Mixtures
@@ -72,7 +68,7 @@ excludes 0. Words: the mean of {" and ".join(even_words(found.k))}.
 
 The first {SHOWN} pairs of each kind: {words} and the average.
 
-![mixtures of {found.model}]({FOLDER}/{PREFIX}{found.model}.png)
+![mixtures of {found.model}]({MIXTURES}/{found.model}.png)
 """
 
 

@@ -1,27 +1,17 @@
-"""RESULTS.md, its pictures and the raw metrics behind it: one evaluation, and the records of trained baselines."""
+"""Assemble RESULTS.md from records."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Final
 
-from model.data.manifest import Split
-from model.evaluation.classes import class_of
-from model.evaluation.color import color_record
 from model.evaluation.compared import COMPARED
-from model.evaluation.comparison import BLOB, COUNTS, ORACLE, RETRIEVAL, encoder_record, references
-from model.evaluation.conditions import CONDITIONS, FREE_VIEWS
-from model.evaluation.evaluate import POINTS, VIEWS, Case, Evaluation, cases
+from model.evaluation.comparison import BLOB, ORACLE, RETRIEVAL
+from model.evaluation.conditions import FREE_VIEWS
+from model.evaluation.evaluate import POINTS, VIEWS, Evaluation
+from model.evaluation.paths import RESULTS
 from model.evaluation.records import Decoder, Record
-from model.evaluation.surfaces import FILE as SURFACES
-from model.evaluation.surfaces import Trials
-from model.evaluation.timing import encoder_ms
-from model.report import color, mixtures, runs, surfaces, tables
-from model.report.sheets import SHOWN, SHOWN_PER_CLASS, everyday_objects, first_objects
-from model.report.targets import asked_table, checks
-from service.encoding.encoder import Encoder
-
-FOLDER: Final = Path("model/results")  # below the project's root
+from model.report import tables
+from model.report.sheets import SHOWN, SHOWN_PER_CLASS
 
 # Mitchell et al. 2020, tables 1 and 2.
 PAPER: Final = """| method | CD(P, T) | CD(T, P) | parameters | layers |
@@ -54,67 +44,6 @@ class Shipped:
     ms: float
 
 
-def report(models: Sequence[Path], data: Path, split: Split, root: Path, seed: int = 0) -> str:
-    """Evaluate ONNX files; write `root/RESULTS.md`, `root/model/results/<model>.json` and the first one's pictures.
-
-    The page is about the first. The others and every other record in `root/model/results` enter the tables, as does
-    what `hof-model mixtures` and `hof-model surfaces` wrote there. Returns the table of asked figures.
-
-    Raises
-    ------
-    FileNotFoundError : no data set, or `hof-model data vary` or `hof-model surfaces` has not been run.
-    ValueError : a record is of other objects.
-    """
-    model, *beside = models
-    encoder = Encoder.open(model, threads=1)
-    shipped = Shipped(encoder.name, encoder.digest, model.stat().st_size, encoder_ms(model.read_bytes()))
-    folder = root / FOLDER
-    objects = list(cases(data, split))
-    read_others(folder, encoder.name, split, objects)
-    ours = encoder_record(encoder, data, split, seed, CONDITIONS, COUNTS)
-    ours = replace(ours, evaluations=(*ours.evaluations, *references(data, split, seed, CONDITIONS)))
-    ours.write(folder / f"{encoder.name}.json")
-    for other in (Encoder.open(path, threads=1) for path in beside):
-        encoder_record(other, data, split, seed).write(folder / f"{other.name}.json")
-    first_objects(encoder, objects).quantize().save(folder / f"{encoder.name}.png", optimize=True)
-    everyday_objects(encoder, objects).quantize().save(folder / f"{encoder.name}-everyday.png", optimize=True)
-    others = read_others(folder, encoder.name, split, objects)
-    in_color = color_record(encoder, data, split, seed) if encoder.color_spec else None
-    if in_color:
-        in_color.write(folder / "color" / f"{encoder.name}.json")
-    classes = [class_of(case.entry) for case in objects]
-    asked = asked_table(checks(_evaluations(ours, others), ours.method, classes, shipped.bytes_, shipped.ms))
-    measured = surfaces.section(Trials.read(folder / SURFACES))
-    sections = [runs.section(root), measured, mixtures.section(root), color.section(in_color) if in_color else ""]
-    page = markdown(ours, others, shipped, classes, asked, [section for section in sections if section])
-    (root / "RESULTS.md").write_text(page, encoding="utf-8")
-    return asked
-
-
-def read_others(folder: Path, ours: str, split: Split, objects: Sequence[Case]) -> list[Record]:
-    """The records of methods other than `ours`, by name of their files.
-
-    Raises
-    ------
-    ValueError : a record is of other objects than these.
-    """
-    ids = tuple(case.entry.id for case in objects)
-    found = []
-    for path in sorted(set(folder.glob("*.json")) - {folder / SURFACES}):
-        if path.name.startswith(mixtures.PREFIX):
-            continue
-        record = Record.read(path)
-        if record.method == ours:
-            continue
-        if (record.split, record.ids) != (split, ids):
-            raise ValueError(
-                f"{path} is of other objects than the {split} split here: build the data set that it was measured on, "
-                "or measure it again with `hof-model evaluate -o`"
-            )
-        found.append(record)
-    return found
-
-
 def markdown(
     ours: Record,
     others: Sequence[Record],
@@ -125,7 +54,7 @@ def markdown(
 ) -> str:
     """The whole page; `classes` of the objects in order, `asked` the table of asked figures, `sections` of other
     measurements."""
-    evaluations = _evaluations(ours, others)
+    evaluations = all_evaluations(ours, others)
     decoders = {record.method: record.decoder for record in (ours, *others) if record.decoder}
     return "\n\n".join(
         [
@@ -143,7 +72,7 @@ def markdown(
     )
 
 
-def _evaluations(ours: Record, others: Sequence[Record]) -> list[Evaluation]:
+def all_evaluations(ours: Record, others: Sequence[Record]) -> list[Evaluation]:
     """All of them, the shipped model's first."""
     first = sorted(ours.evaluations, key=lambda found: found.method != ours.method)
     return [*first, *(found for record in others for found in record.evaluations)]
@@ -155,7 +84,7 @@ def _head(ours: Record, shipped: Shipped) -> str:
     return f"""# Results
 
 Written by `make results`: the shipped weights, evaluated along the path of a user's bytes (PNG, `service.encoding`,
-the ONNX file, the sampler), beside answers that need no training and the raw metrics in `{FOLDER}`.
+the ONNX file, the sampler), beside answers that need no training and the raw metrics in `{RESULTS}`.
 
 - Machine: {made["machine"]}. Date: {made["date"]}. Seed: {made["seed"]}. Commit: {made["commit"]}.
 - Data: Sweet Home 3D furniture, {ours.split} split, {len(ours.ids)} objects that no training object repeats, views
@@ -249,9 +178,9 @@ def _pictures(ours: Record, shipped: Shipped) -> str:
 The first {min(SHOWN, len(ours.ids))} objects in manifest order: the image that went in (view {VIEWS[0]}), the true
 points, the predicted points, both seen from 30 degrees to the side and 22 degrees above.
 
-![image, truth, prediction]({FOLDER}/{shipped.name}.png)
+![image, truth, prediction]({RESULTS}/{shipped.name}.png)
 
 The first {SHOWN_PER_CLASS} objects of each class of everyday furniture, in manifest order.
 
-![everyday furniture]({FOLDER}/{shipped.name}-everyday.png)
+![everyday furniture]({RESULTS}/{shipped.name}-everyday.png)
 """

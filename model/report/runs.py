@@ -1,20 +1,18 @@
 """The section of RESULTS.md on what was tried to reach the figures that are short: runs, on the validation split."""
 
 from pathlib import Path
-from typing import Final
 
 from model.evaluation.comparison import ORACLE
+from model.evaluation.paths import RUNS
 from model.evaluation.records import Record
 from model.metrics import NAMES, interval
 from model.report.tables import find, loss, spread, table
 
-FOLDER: Final = Path("model/results/tried")  # below the project's root
-
 
 def section(root: Path) -> str:
-    """A row for each record that `hof-model evaluate --run RUN --photographs -o` wrote to FOLDER, one for the oracle;
+    """A row for each record that `hof-model evaluate --run RUN --photographs -o` wrote to RUNS, one for the oracle;
     empty without any record."""
-    records = [Record.read(path) for path in sorted((root / FOLDER).glob("*.json"), key=_number)]
+    records = [Record.read(path) for path in sorted((root / RUNS).glob("*.json"), key=_number)]
     if not records:
         return ""
     rows = [list(row) for row in dict.fromkeys(tuple(row) for record in records for row in _rows(record))]
@@ -23,7 +21,7 @@ def section(root: Path) -> str:
     return f"""## What was tried
 
 The runs of `model/LAB.md`, which tells what each changed and what else was tried, on the {objects} objects of the
-{split} split (`hof-model evaluate --run RUN --photographs -o {FOLDER}/RUN.json`). Steps and minutes count the runs
+{split} split (`hof-model evaluate --run RUN --photographs -o {RUNS}/RUN.json`). Steps and minutes count the runs
 that one started from.
 
 {table(head, rows)}"""

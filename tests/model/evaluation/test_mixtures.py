@@ -44,7 +44,7 @@ def root(data: Path, model_path: Path, tmp_path_factory: pytest.TempPathFactory)
 
 @pytest.fixture
 def found(root: Path) -> Mixtures:
-    return Mixtures.read(root / "model/results/mixtures-tiny-k2.json")
+    return Mixtures.read(root / "model/results/mixtures/tiny-k2.json")
 
 
 def _entry(number: int, name: str) -> Entry:
@@ -107,10 +107,10 @@ def test_figures_are_the_distances_of_the_clouds_that_the_model_draws(
 
 
 def test_a_model_of_more_functions_has_its_gradient_in_a_picture(root: Path) -> None:
-    found = Mixtures.read(root / "model/results/mixtures-tiny-k4.json")
+    found = Mixtures.read(root / "model/results/mixtures/tiny-k4.json")
     assert found.figures.keys() == {"A", "B", "AAAB", "AABB", "ABBB", "BBAA", AVERAGE}
     for name, columns in (("tiny-k2", 3 + 3 + 1), ("tiny-k4", 5 + 1)):
-        with Image.open(root / f"model/results/mixtures-{name}.png") as picture:
+        with Image.open(root / f"model/results/mixtures/{name}.png") as picture:
             assert picture.width == columns * 180
             assert picture.height % (180 + 28) == 0
             ink = np.asarray(picture.convert("L")) < 255

@@ -8,7 +8,8 @@ import pytest
 import trimesh
 
 from model import cli
-from model.evaluation.surfaces import CLOUD, FILE, WAYS, Trials
+from model.evaluation.paths import SURFACES
+from model.evaluation.surfaces import CLOUD, WAYS, Trials
 from model.report.surfaces import section
 from service.mapping.sampler import Sampler
 from service.mapping.spec import MappingSpec
@@ -34,15 +35,15 @@ def test_every_way_finds_the_sphere(unit_sphere: Sampler, way: str) -> None:
 
 
 def test_the_file_is_read_back(tmp_path: Path) -> None:
-    trials(0.3, 2).write(tmp_path / FILE)
-    assert Trials.read(tmp_path / FILE) == trials(0.3, 2)
-    assert Trials.read(tmp_path / FILE) != replace(trials(0.3, 2), trials=[])
+    trials(0.3, 2).write(tmp_path / "surfaces.json")
+    assert Trials.read(tmp_path / "surfaces.json") == trials(0.3, 2)
+    assert Trials.read(tmp_path / "surfaces.json") != replace(trials(0.3, 2), trials=[])
 
 
 def test_the_command_measures_every_way(model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     data = small_data.write(tmp_path / "data", train=1, test=1)
     command = ["surfaces", "--model", str(model_path), "--data", str(data), "-o", str(tmp_path)]
     assert cli.main(command) == 0
-    found = Trials.read(tmp_path / "model/results" / FILE)
+    found = Trials.read(tmp_path / SURFACES)
     assert [trial.way for trial in found.trials] == [CLOUD, *WAYS]
     assert section(found) in capsys.readouterr().out

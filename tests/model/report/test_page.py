@@ -28,7 +28,7 @@ def root(data: Path, model_path: Path, tmp_path_factory: pytest.TempPathFactory)
     renamed.write(folder / "model/results/rival.json")
     for method in ("hof1-k2, 9 steps", "direct, 9 steps"):
         alike = tuple(replace(e, method=method) for e in rival.evaluations)
-        replace(rival, method=method, evaluations=alike).write(folder / f"model/results/compared-{method[:6]}.json")
+        replace(rival, method=method, evaluations=alike).write(folder / f"model/results/compared/{method[:6]}.json")
     spec = replace(tiny_model.SPEC, k=4)
     beside = tiny_model.build(folder / "k4.onnx", spec, meta=tiny_model.metadata(spec, "tiny-k4"))
     assert cli.main(["mixtures", "--model", str(model_path), "--data", str(data), "-o", str(folder)]) == 0

@@ -7,6 +7,7 @@ import pytest
 
 from model import cli
 from model.evaluation.comparison import ORACLE
+from model.evaluation.paths import RUNS
 from model.evaluation.records import Record
 from model.report import runs
 from model.report.tables import loss
@@ -24,12 +25,12 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "run").mkdir()
     state.save(folder / "run", score=0)
     asked = ["evaluate", "--run", str(folder / "run"), "--data", str(data), "--split", "test", "--photographs"]
-    assert cli.main([*asked, "--references", "-o", str(folder / runs.FOLDER / "run-1.json")]) == 0
+    assert cli.main([*asked, "--references", "-o", str(folder / RUNS / "run-1.json")]) == 0
     return folder
 
 
 def test_a_run_and_the_oracle_beside_it_have_a_row_each(root: Path) -> None:
-    record = Record.read(root / runs.FOLDER / "run-1.json")
+    record = Record.read(root / RUNS / "run-1.json")
     own, oracle = (line for line in runs.section(root).splitlines() if line.startswith(("| run-1", f"| {ORACLE}")))
     assert own.startswith("| run-1 | 1,234 | 1.5 |")
     assert own.endswith(f"| {loss(record.evaluations, 'run-1', 'photograph'):.1f}% |")
@@ -39,9 +40,9 @@ def test_a_run_and_the_oracle_beside_it_have_a_row_each(root: Path) -> None:
 
 
 def test_the_oracle_has_one_row_however_many_runs_stand_beside_it(root: Path, tmp_path: Path) -> None:
-    record = Record.read(root / runs.FOLDER / "run-1.json")
+    record = Record.read(root / RUNS / "run-1.json")
     for name in ("run-1", "run-2"):
-        record.write(tmp_path / runs.FOLDER / f"{name}.json")
+        record.write(tmp_path / RUNS / f"{name}.json")
     lines = runs.section(tmp_path).splitlines()
     assert sum(line.startswith(f"| {ORACLE}") for line in lines) == 1
 

@@ -287,5 +287,5 @@ def test_a_compared_method_takes_its_steps_and_enters_the_tables(
     monkeypatch.chdir(tmp_path)  # runs go below the working folder
     monkeypatch.setitem(COMPARED, "small", replace(CONFIG, method="direct"))
     assert cli.main(["retrain", "small", "--steps", "3", "--data", str(data), "-o", str(tmp_path)]) == 0
-    record = Record.read(tmp_path / "compared-small.json")
+    record = Record.read(tmp_path / "small.json")
     assert (record.method, record.made["training"]["steps"]) == ("small, 3 steps", 3)

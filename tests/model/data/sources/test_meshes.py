@@ -12,8 +12,8 @@ from model.cli.common import ROOT, SHIPPED
 from model.data.sources.meshes import MeshRecord, folder_records, load_parts
 from model.data.sources.photographs import FOLDER, photograph_files
 from model.data.sources.sweethome3d import CATALOGUE, frozen_split, parse_catalogue, sh3f_files, sh3f_records
+from model.evaluation.paths import RESULTS
 from model.evaluation.records import Record
-from model.report.page import FOLDER as FIGURES
 from service.encoding.encoder import Encoder
 from tests.support.small.shapes import SHAPES, write_folder
 
@@ -83,7 +83,7 @@ def test_the_frozen_split_has_the_objects_that_the_shipped_figures_are_of() -> N
     sizes = [list(frozen.values()).count(split) for split in ("train", "val", "test")]
     card = Encoder.open(SHIPPED, threads=1).card["data"]["objects"]
     assert sizes == [card[split] for split in ("train", "val", "test")]
-    record = Record.read(ROOT / FIGURES / "hof1-k2.json")
+    record = Record.read(ROOT / RESULTS / "hof1-k2.json")
     assert set(record.ids) == {id_ for id_, split in frozen.items() if split == "test"}
 
 

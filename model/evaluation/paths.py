@@ -1,0 +1,11 @@
+"""Paths of the committed measurements, relative to the project's root."""
+
+from pathlib import Path
+from typing import Final
+
+RESULTS: Final = Path("model/results")  # records of exported models and of the ceiling
+COLOR: Final = RESULTS / "color"
+COMPARED: Final = RESULTS / "compared"  # methods that `hof-model retrain` trains and measures
+MIXTURES: Final = RESULTS / "mixtures"
+RUNS: Final = RESULTS / "runs"  # runs of model/LAB.md
+SURFACES: Final = RESULTS / "surfaces.json"

@@ -1,0 +1,81 @@
+"""Evaluate exported models and write RESULTS.md, its pictures and the records behind it."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from model.data.manifest import Split
+from model.evaluation.classes import class_of
+from model.evaluation.color import color_record
+from model.evaluation.comparison import COUNTS, encoder_record, references
+from model.evaluation.conditions import CONDITIONS
+from model.evaluation.evaluate import Case, cases
+from model.evaluation.paths import COLOR, COMPARED, RESULTS, SURFACES
+from model.evaluation.records import Record
+from model.evaluation.surfaces import Trials
+from model.evaluation.timing import encoder_ms
+from model.report import color, mixtures, runs, surfaces
+from model.report.page import Shipped, all_evaluations, markdown
+from model.report.sheets import everyday_objects, first_objects
+from model.report.targets import asked_table, checks
+from service.encoding.encoder import Encoder
+
+
+def report(models: Sequence[Path], data: Path, split: Split, root: Path, seed: int = 0) -> str:
+    """Evaluate ONNX files; write `root/RESULTS.md`, `root/model/results/<model>.json` and the first one's pictures.
+
+    The page is about the first. The others and every other record in `root/model/results` enter the tables, as does
+    what `hof-model mixtures` and `hof-model surfaces` wrote there. Returns the table of asked figures.
+
+    Raises
+    ------
+    FileNotFoundError : no data set, or `hof-model data vary` or `hof-model surfaces` has not been run.
+    ValueError : a record is of other objects.
+    """
+    model, *beside = models
+    encoder = Encoder.open(model, threads=1)
+    shipped = Shipped(encoder.name, encoder.digest, model.stat().st_size, encoder_ms(model.read_bytes()))
+    folder = root / RESULTS
+    objects = list(cases(data, split))
+    read_others(root, encoder.name, split, objects)
+    ours = encoder_record(encoder, data, split, seed, CONDITIONS, COUNTS)
+    ours = replace(ours, evaluations=(*ours.evaluations, *references(data, split, seed, CONDITIONS)))
+    ours.write(folder / f"{encoder.name}.json")
+    for other in (Encoder.open(path, threads=1) for path in beside):
+        encoder_record(other, data, split, seed).write(folder / f"{other.name}.json")
+    first_objects(encoder, objects).quantize().save(folder / f"{encoder.name}.png", optimize=True)
+    everyday_objects(encoder, objects).quantize().save(folder / f"{encoder.name}-everyday.png", optimize=True)
+    others = read_others(root, encoder.name, split, objects)
+    in_color = color_record(encoder, data, split, seed) if encoder.color_spec else None
+    if in_color:
+        in_color.write(root / COLOR / f"{encoder.name}.json")
+    classes = [class_of(case.entry) for case in objects]
+    asked = asked_table(checks(all_evaluations(ours, others), ours.method, classes, shipped.bytes_, shipped.ms))
+    measured = surfaces.section(Trials.read(root / SURFACES))
+    sections = [runs.section(root), measured, mixtures.section(root), color.section(in_color) if in_color else ""]
+    page = markdown(ours, others, shipped, classes, asked, [section for section in sections if section])
+    (root / "RESULTS.md").write_text(page, encoding="utf-8")
+    return asked
+
+
+def read_others(root: Path, ours: str, split: Split, objects: Sequence[Case]) -> list[Record]:
+    """The records of methods other than `ours`, by name of their files.
+
+    Raises
+    ------
+    ValueError : a record is of other objects than these.
+    """
+    ids = tuple(case.entry.id for case in objects)
+    found = []
+    paths = {*(root / RESULTS).glob("*.json"), *(root / COMPARED).glob("*.json")} - {root / SURFACES}
+    for path in sorted(paths):
+        record = Record.read(path)
+        if record.method == ours:
+            continue
+        if (record.split, record.ids) != (split, ids):
+            raise ValueError(
+                f"{path} is of other objects than the {split} split here: build the data set that it was measured on, "
+                "or measure it again with `hof-model evaluate -o`"
+            )
+        found.append(record)
+    return found
