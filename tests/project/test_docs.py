@@ -36,14 +36,18 @@ def test_links_of_a_document_lead_somewhere(document: Path) -> None:
         assert not anchor or anchor in anchors(target.read_text("utf-8")), link
 
 
-@each_document
+@pytest.mark.parametrize("document", [path for path in DOCUMENTS if path.name != "LAB.md"], ids=name_of)
 def test_paths_in_a_document_exist(document: Path) -> None:
-    if document.name == "LAB.md":
-        pytest.skip("its entries name the files of their time")
     text = document.read_text("utf-8")
     words = [word for word in code(text) if word.startswith(FOLDERS) and ("." in word or word.endswith("/"))]
     paths = [word for word in words if not re.search(r"[A-Z]{3}|[ *{]", word)]
     assert [path for path in paths if not (ROOT / path).exists()] == []
+
+
+@each_document
+def test_variables_in_a_document_are_settings(document: Path) -> None:
+    variables = set(re.findall(r"\bHOF_[A-Z_]+\b", document.read_text("utf-8")))
+    assert variables <= {f"HOF_{name.upper()}" for name in Settings.model_fields}
 
 
 @each_document
