@@ -57,9 +57,8 @@ def test_make_targets_in_a_document_exist(document: Path) -> None:
 
 
 @each_document
-def test_installation_in_a_document_names_no_other_project(document: Path) -> None:
+def test_extras_in_a_document_exist(document: Path) -> None:
     text = document.read_text("utf-8")
-    assert not re.search(r"pip install[^\n]*['\" ]hof\b(?!-)", text), "hof on PyPI is another project"
     extras = {extra for group in re.findall(r"\.\[([a-z,]+)\]", text) for extra in group.split(",")}
     assert extras <= set(tomllib.loads(text_of("pyproject.toml"))["project"]["optional-dependencies"])
 
@@ -75,6 +74,12 @@ def test_architecture_names_every_folder_of_the_code() -> None:
         f"{path.parent.relative_to(ROOT)}/" for top in ("service", "model") for path in ROOT.glob(f"{top}/*/*.py")
     }
     assert packages <= folders
+
+
+def test_layers_of_the_architecture_equal_the_contracts() -> None:
+    contracts = tomllib.loads(text_of("pyproject.toml"))["tool"]["importlinter"]["contracts"]
+    layers = {each["containers"][0]: " → ".join(each["layers"]) for each in contracts if "containers" in each}
+    assert dict(re.findall(r"^(\w+):  +(.+)$", text_of("docs/architecture.md"), re.MULTILINE)) == layers
 
 
 def test_settings_tables_equal_settings() -> None:
