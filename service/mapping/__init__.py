@@ -1,5 +1,13 @@
-"""The mapping function: its spec and theta, canonical points, and ways to evaluate it over many points."""
+"""The mapping function: spec and theta, canonical points, and what they give: points, colors, clouds, surfaces.
 
+This package needs NumPy and nothing of the service but its errors. A library user imports from here; the code of this
+project imports from the modules.
+"""
+
+from service.mapping.canonical import Sampling, canonical_points
+from service.mapping.cloud import Cloud
+from service.mapping.color import ColorSampler
+from service.mapping.sampler import Sampler, sample
 from service.mapping.spec import (
     DOMAIN_DIMS,
     HOF_1,
@@ -19,6 +27,7 @@ from service.mapping.spec import (
     power,
     word_of,
 )
+from service.mapping.surface import Surface, surface_of
 
 __all__ = [
     "DOMAIN_DIMS",
@@ -26,16 +35,24 @@ __all__ = [
     "HOF_3",
     "Activation",
     "Array",
+    "Cloud",
     "Color",
+    "ColorSampler",
     "Colors",
     "Domain",
     "Functions",
     "MappingSpec",
+    "Sampler",
+    "Sampling",
+    "Surface",
     "apply",
+    "canonical_points",
     "compose",
     "initial_theta",
     "joined",
     "layers",
     "power",
+    "sample",
+    "surface_of",
     "word_of",
 ]

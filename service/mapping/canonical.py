@@ -1,11 +1,11 @@
 """Canonical points: uniform samples of the canonical domain X, drawn by counter.
 
 Point i of a seed is the same whether it is drawn alone, as one of a million or from an offset. NumPy is
-always called with whole vectors, which start at multiples of `ALIGN`, so that a point's bits never depend
-on what is drawn with it.
+always called with whole vectors that start at multiples of `ALIGN`, so a point's bits never depend on the
+points drawn with it.
 
-Each point starts as four numbers in [0, 1): independent ones (NumPy's Philox, keyed by the seed), or a
-Sobol sequence, which covers the domain more evenly.
+Each point starts as four numbers in [0, 1): either independent (NumPy's Philox, keyed by the seed), or from
+a Sobol sequence, which covers the domain more evenly.
 """
 
 import functools
@@ -21,10 +21,10 @@ from service.mapping.spec import DOMAIN_DIMS, Array, Domain
 
 Sampling = Literal["uniform", "sobol"]
 
-BLOCK: Final = 4096  # points made at a time; a power of two, so that they stay in the L2 cache
-ALIGN: Final = 64  # points; whole vectors on any processor
+BLOCK: Final = 4096  # points drawn at a time: they fit the L2 cache; a power of two
+ALIGN: Final = 64  # points; a multiple of the vector width of every processor
 MAX_SEED: Final = 2**64 - 1
-MAX_INDEX: Final[dict[Sampling, int]] = {"uniform": 2**63, "sobol": 2**32}  # of a point
+MAX_INDEX: Final[dict[Sampling, int]] = {"uniform": 2**63, "sobol": 2**32}  # end of the index range
 _LANES: Final = 4
 _BITS: Final = 32
 # Joe and Kuo, "Constructing Sobol sequences with better two-dimensional projections" (2008), table
@@ -33,19 +33,19 @@ _POLYNOMIALS: Final = ((0, (1,)), (1, (1, 3)), (1, (1, 3, 1)))
 
 
 def canonical_points(domain: Domain, n: int, seed: int = 0, offset: int = 0, sampling: Sampling = "uniform") -> Array:
-    """Points `offset` to `offset + n` of the seed's uniform sample of a canonical domain.
+    """Draw points `offset` to `offset + n` of the seed's uniform sample of a canonical domain.
 
     Parameters
     ----------
-    domain : the canonical set X (paper, section 3.1 and the comparison of canonical sets in its appendix).
-    n : how many points, at least 1.
+    domain : the canonical set X (paper, section 3.1; its appendix compares canonical sets).
+    n : number of points, at least 1.
     seed : 0 to 2**64 - 1.
     offset : index of the first point.
-    sampling : `uniform`, independent points; `sobol`, a Sobol sequence with a random digital shift.
+    sampling : `uniform` for independent points; `sobol` for a Sobol sequence with a random digital shift.
 
     Returns
     -------
-    (n, d) float32, d = `DOMAIN_DIMS[domain]`; ball, sphere and ball4 of radius 1, the cube [-1, 1]^3.
+    (n, d) float32 with d = `DOMAIN_DIMS[domain]`. Ball, sphere and ball4 have radius 1; the cube is [-1, 1]^3.
 
     Raises
     ------
@@ -56,18 +56,19 @@ def canonical_points(domain: Domain, n: int, seed: int = 0, offset: int = 0, sam
 
 
 def check_range(n: int, seed: int, offset: int, sampling: Sampling = "uniform") -> None:
-    """Refuse what `canonical_points` cannot draw, with InvalidParameter."""
+    """Raise InvalidParameter if n, seed or offset is outside the range of `canonical_points`."""
     if n < 1:
-        raise InvalidParameter(f"n must be at least 1, not {n}", field="n")
+        raise InvalidParameter(f"n is {n}, it must be at least 1", field="n")
     if not 0 <= seed <= MAX_SEED:
-        raise InvalidParameter("seed must lie in 0 to 2**64 - 1", field="seed")
+        raise InvalidParameter(f"seed is {seed}, it must lie in 0 to 2**64 - 1", field="seed")
     if not 0 <= offset <= MAX_INDEX[sampling] - n:
         limit = MAX_INDEX[sampling].bit_length() - 1
-        raise InvalidParameter(f"offset must lie in 0 to 2**{limit} - n with {sampling} sampling", field="offset")
+        detail = f"offset is {offset}, it must lie in 0 to 2**{limit} - n with {sampling} sampling"
+        raise InvalidParameter(detail, field="offset")
 
 
 def span(domain: Domain, seed: int, start: int, stop: int, sampling: Sampling = "uniform") -> Array:
-    """Canonical points [start, stop), arguments as `check_range` allows them: (d, stop - start) float32."""
+    """Draw canonical points [start, stop), (d, stop - start) float32. The arguments must have passed `check_range`."""
     points = np.empty((DOMAIN_DIMS[domain], stop - start), np.float32)
     for first in range(start // BLOCK * BLOCK, stop, BLOCK):
         low = max(first, start) // ALIGN * ALIGN
@@ -79,7 +80,7 @@ def span(domain: Domain, seed: int, start: int, stop: int, sampling: Sampling = 
 
 
 def _place(domain: Domain, u: Array) -> Array:
-    """Four numbers in [0, 1) for each point, (4, n) -> points of the domain, (d, n)."""
+    """Turn four numbers in [0, 1) for each point, (4, n), into points of the domain, (d, n)."""
     if domain == "cube":
         return 2 * u[:3] - 1
     radius: Array  # u ** (1 / d): uniform in volume
@@ -93,9 +94,9 @@ def _place(domain: Domain, u: Array) -> Array:
 
 
 def _uniform(seed: int, low: int, high: int) -> Array:
-    """Four uniform numbers in [0, 1) for each of the points [low, high): (4, high - low) float32.
+    """Draw four uniform numbers in [0, 1) for each of the points [low, high): (4, high - low) float32.
 
-    NumPy's Philox 4x64, keyed by the seed: one step of its counter makes two points.
+    The generator is NumPy's Philox 4x64, keyed by the seed; one step of its counter gives two points.
     """
     kernel = compiled.load()
     if kernel is not None:
@@ -108,11 +109,11 @@ def _uniform(seed: int, low: int, high: int) -> Array:
 
 
 def _sobol(seed: int, low: int, high: int) -> Array:
-    """Numbers [low, high) of the four-dimensional Sobol sequence, within one block: (4, high - low) float32.
+    """Return elements [low, high), within one block, of the four-dimensional Sobol sequence: (4, high - low) float32.
 
-    The sequence in Gray code order: index i is the exclusive or of the direction numbers of the bits of
-    i ^ (i >> 1). Within a block only the low bits differ, so the rest is one shift of them all; the
-    seed's random digital shift (which leaves the evenness as it is) is another.
+    The sequence is in Gray code order: element i is the exclusive or of the direction numbers of the bits of
+    i ^ (i >> 1). Within a block only the low bits differ, so the high bits are one shift of all its elements.
+    The seed's random digital shift, which keeps the sequence as even as it is, is another.
     """
     first = low // BLOCK * BLOCK
     gray = first ^ (first >> 1)
@@ -125,17 +126,17 @@ def _sobol(seed: int, low: int, high: int) -> Array:
 
 @functools.cache
 def _sobol_block() -> npt.NDArray[np.uint32]:
-    """The sequence's first BLOCK indices, (4, BLOCK)."""
+    """Return the sequence's first BLOCK elements, (4, BLOCK), as 32-bit integers."""
     low = np.zeros((_LANES, 1), np.uint32)
-    for bit in range(BLOCK.bit_length() - 1):  # i = 0 .. 2 ** bit - 1, then the same from the end with this bit
+    for bit in range(BLOCK.bit_length() - 1):  # elements 0 .. 2 ** bit - 1, then the same in reverse with this bit
         low = np.concatenate([low, low[:, ::-1] ^ _directions()[:, bit, None]], axis=1)
     return low
 
 
 @functools.cache
 def _directions() -> npt.NDArray[np.uint32]:
-    """Sobol's direction numbers, (dimensions, bits)."""
-    table = [[1] * _BITS]  # the first dimension: van der Corput's
+    """Return Sobol's direction numbers, (dimensions, bits)."""
+    table = [[1] * _BITS]  # the first dimension is van der Corput's sequence
     for coefficients, first in _POLYNOMIALS:
         degree, m = len(first), list(first)
         for k in range(degree, _BITS):
@@ -148,27 +149,27 @@ def _directions() -> npt.NDArray[np.uint32]:
 
 
 def _unit(words: npt.NDArray[np.uint32]) -> Array:
-    """The upper 24 bits, which float32 holds, as numbers in [0, 1); contiguous."""
+    """Turn the upper 24 bits, which float32 represents exactly, into numbers in [0, 1), contiguous."""
     bits = np.right_shift(words, np.uint32(8), out=np.empty(words.shape, np.uint32))
-    u = bits.view(np.int32).astype(np.float32)  # from signed ones it is faster
+    u = bits.view(np.int32).astype(np.float32)  # converting signed integers is faster
     u *= np.float32(2**-24)
     return u
 
 
 def _direction3(u: Array, v: Array) -> Array:
-    """Uniform on the sphere S^2, (3, n): cos(polar angle) = 1 - 2u, azimuth = 2 pi v."""
+    """Return directions uniform on the sphere S^2, (3, n): cos(polar angle) = 1 - 2u, azimuth = 2 pi v."""
     azimuth = np.float32(2 * math.pi) * v
     direction = np.empty((3, len(u)), np.float32)
     x, y, z = direction
     np.subtract(1, 2 * u, out=z)
-    radius = 2 * np.sqrt(u * (1 - u))  # the polar angle's sine
+    radius = 2 * np.sqrt(u * (1 - u))  # sine of the polar angle
     np.multiply(radius, np.cos(azimuth), out=x)
     np.multiply(radius, np.sin(azimuth), out=y)
     return direction
 
 
 def _direction4(u: Array, v: Array, w: Array) -> Array:
-    """Uniform on the sphere S^3, (4, n) (Shoemake, "Uniform random rotations", Graphics Gems III)."""
+    """Return directions uniform on the sphere S^3, (4, n) (Shoemake, "Uniform random rotations", Graphics Gems III)."""
     a, b = np.float32(2 * math.pi) * v, np.float32(2 * math.pi) * w
     near, far = np.sqrt(1 - u), np.sqrt(u)
     return np.stack([near * np.sin(a), near * np.cos(a), far * np.sin(b), far * np.cos(b)])

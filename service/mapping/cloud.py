@@ -12,8 +12,8 @@ from service.mapping.color import ColorSampler
 from service.mapping.sampler import CHUNK, SCALES, Sampler
 from service.mapping.spec import Array, Colors, Functions, MappingSpec, word_of
 
-PROBE_POINTS: Final = 4096  # points that are sampled of a new object, to see that it can be sampled at all
-FIRST_PART: Final = CHUNK // 16  # points; few, so that the first byte comes soon
+PROBE_POINTS: Final = 4096  # points sampled from a new object, to check that its values are finite
+FIRST_PART: Final = CHUNK // 16  # points; few, so that the first byte is sent early
 PART: Final = CHUNK  # points
 
 Part = tuple[int, int]  # index of the first point, counted from the cloud's first; number of points
@@ -21,10 +21,11 @@ Part = tuple[int, int]  # index of the first point, counted from the cloud's fir
 
 @dataclass(frozen=True)
 class Cloud:
-    """Which points of an object: all that decides their coordinates and their colours.
+    """Points of one object: everything that determines their coordinates and colors.
 
     Parameters
     ----------
+    spec, functions : the object.
     n, seed, offset, scale, sampling : as in `Sampler.points`.
 
     Raises
@@ -50,36 +51,36 @@ class Cloud:
 
     @cached_property
     def color_sampler(self) -> ColorSampler:
-        """What colours the object, packed once for all parts. Raises ValueError where nothing does."""
+        """The object's color functions, packed once for all parts. Raises ValueError if it has none."""
         if self.functions.color is None:
-            raise ValueError("the object has no colour")
+            raise ValueError("the object has no color")
         return ColorSampler(self.functions.color)
 
     def parts(self) -> Iterator[Part]:
-        """All points in order."""
+        """Cut the points into parts, in order: a small first one, then parts of up to `PART` points."""
         start, size = 0, FIRST_PART
         while start < self.n:
             yield start, min(size, self.n - start)
             start, size = start + size, PART
 
     def points(self, part: Part) -> Array:
-        """Points of a part, (count, 3) float32, object frame times `scale` (paper, eq. 4)."""
+        """Compute the points of a part, (count, 3) float32, object frame times `scale` (paper, eq. 4)."""
         start, count = part
         offset = self.offset + start
         return self.sampler.points(count, seed=self.seed, offset=offset, scale=self.scale, sampling=self.sampling)
 
     def colors(self, part: Part) -> Colors:
-        """Colours of a part's points, (count, 3) uint8, sRGB."""
+        """Compute the colors of a part's points, (count, 3) uint8, sRGB."""
         start, count = part
         return self.color_sampler.colors(count, seed=self.seed, offset=self.offset + start, sampling=self.sampling)
 
 
 def check_finite(spec: MappingSpec, functions: Functions) -> None:
-    """Sample some points of an object at the largest scale, and their colours.
+    """Sample `PROBE_POINTS` points of an object at the largest scale, and their colors.
 
     Raises
     ------
-    CorruptWeights : they exceed float32.
+    CorruptWeights : a value exceeds float32.
     """
     cloud = Cloud(spec, functions, PROBE_POINTS, scale=SCALES[1])
     for part in cloud.parts():
@@ -89,7 +90,7 @@ def check_finite(spec: MappingSpec, functions: Functions) -> None:
 
 
 def bounds(chunks: Iterable[Array]) -> tuple[Array, Array]:
-    """Smallest and largest coordinates, (3,) and (3,) float32, of chunks of (m, 3) points.
+    """Return the smallest and the largest coordinates, (3,) and (3,) float32, of chunks of (m, 3) points.
 
     Raises
     ------

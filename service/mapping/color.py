@@ -1,4 +1,4 @@
-"""Colours of an object's points: functions of the same canonical points, prefix-stable as they are."""
+"""Colors of an object's points: functions of the same canonical points, and prefix-stable like them."""
 
 from typing import Final
 
@@ -13,7 +13,7 @@ WHITE: Final = 255
 
 
 class ColorSampler:
-    """The colours of one object. Packed once; any number of threads may draw from it at a time.
+    """The colors of one object. Packed once; any number of threads may use it at the same time.
 
     Raises
     ------
@@ -21,11 +21,11 @@ class ColorSampler:
     """
 
     def __init__(self, color: Color) -> None:
-        rows, self._counts = np.unique(np.atleast_2d(color.weights), axis=0, return_counts=True)  # AAB: A counts twice
+        rows, self._counts = np.unique(np.atleast_2d(color.weights), axis=0, return_counts=True)  # AAB: two of A
         self._samplers = [Sampler(color.spec, (row,)) for row in rows]
 
     def colors(self, n: int, *, seed: int = 0, offset: int = 0, sampling: Sampling = "uniform") -> Colors:
-        """Colours of the points that `Sampler.points` gives for the same arguments: (n, 3) uint8, sRGB.
+        """Compute the colors of the points that `Sampler.points` gives for the same arguments: (n, 3) uint8, sRGB.
 
         Raises
         ------
@@ -36,7 +36,7 @@ class ColorSampler:
         return self._at(self._samplers[0].canonical(n, seed, offset, sampling), n)
 
     def map(self, x: Array) -> Colors:
-        """Colours at canonical points of one's own choice: (n, input_dim) float32 -> (n, 3) uint8, sRGB.
+        """Compute the colors at any canonical points: (n, input_dim) float32 -> (n, 3) uint8, sRGB.
 
         Raises
         ------
@@ -45,13 +45,13 @@ class ColorSampler:
         return self._at(self._samplers[0].padded(x), len(x))
 
     def _at(self, canonical: Canonical, n: int) -> Colors:
-        """The mean over the functions at the n canonical points that are kept. Raises CorruptWeights."""
+        """Average the functions at the n selected canonical points. Raises CorruptWeights."""
         total = np.zeros((n, 3), np.float32)
         for sampler, count in zip(self._samplers, self._counts, strict=True):
             try:
                 values = sampler.at(canonical)
             except CorruptWeights as error:
-                raise CorruptWeights("the colour's values exceed float32", field="color") from error
+                raise CorruptWeights("the color function's values exceed float32", field="color") from error
             total += np.float32(count) * np.clip(values, 0, 1, out=values)
         total *= np.float32(WHITE / self._counts.sum())
         return np.rint(total, out=total).astype(np.uint8)

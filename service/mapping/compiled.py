@@ -1,7 +1,7 @@
-"""What the extra `fast` compiles (numba): Philox's random numbers, and folded networks.
+"""Kernels compiled by numba, which the extra `fast` installs: Philox's random numbers, and folded networks.
 
-Four points of a cell at a time run over its hidden units, which are the vector's lanes: the twelve sums of
-the output stay in registers, and nothing of the hidden layer is ever stored.
+Four points of a cell at a time run over the cell's hidden units, which are the lanes of a vector. The twelve sums
+of the output stay in registers, and the hidden layer is never stored.
 """
 
 import functools
@@ -13,8 +13,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-LANES: Final = 16  # a cell's units are padded by zeros to whole vectors
-STEPS: Final = 256  # of Philox at a time: its words stay in the L1 cache
+LANES: Final = 16  # a cell's units are padded with zeros to whole vectors
+STEPS: Final = 256  # steps of Philox at a time: its words stay in the L1 cache
 
 Array = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
@@ -24,12 +24,12 @@ Starts = npt.NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Compiled:
-    """The compiled functions; all leave Python's lock alone, and overwrite their last arguments.
+    """The compiled functions. They run without Python's lock, and write results to their last arguments.
 
     uniform : (key, counter, u (4, n)), n even: n / 2 steps of Philox 4x64-10 after `counter`, as numbers in [0, 1).
     pack : (crossing (cells, h), units (7, h), starts (cells + 1,), packed (7, starts[-1])): each cell's units.
-    sort : (x (3, n), origin, per_unit, grid, order (n,), ends (cells,)): which points come in the order of
-        their cells, and where each cell's points end there.
+    sort : (x (3, n), origin, per_unit, grid, order (n,), ends (cells,)): indices of the points in the order of their
+        cells, and the end of each cell's points in that order.
     evaluate : (x (3, n), order, ends, starts, packed, affine, y (3, n)): the function's values.
     """
 
@@ -41,13 +41,13 @@ class Compiled:
 
 @functools.cache
 def load() -> Compiled | None:
-    """The compiled functions, or None where numba is not installed; compiles once, or reads numba's cache."""
+    """Return the compiled functions, or None without numba; compile once, or read numba's cache."""
     if importlib.util.find_spec("numba") is None:
         return None
-    import numba  # an extra; takes half a second
+    import numba  # optional, and its import takes half a second
 
     _allow_full_vectors(numba)
-    sums = {"reassoc", "contract", "nsz"}  # in any order, as vectors need; infinities and NaN stay what they are
+    sums = {"reassoc", "contract", "nsz"}  # sums in any order, as vectors need; infinities and NaN are kept
     compiled = Compiled(
         _compile(numba, _uniform),
         _compile(numba, _pack),
@@ -59,7 +59,7 @@ def load() -> Compiled | None:
 
 
 def _compile_now(compiled: Compiled) -> None:
-    """Call each function once, at start rather than in the first request."""
+    """Call each function once, so that it is compiled at start and not in the first request."""
     compiled.uniform(np.uint64(0), 0, np.zeros((4, 2), np.float32))
     starts, units = np.array([0, LANES]), np.zeros((7, LANES), np.float32)
     compiled.pack(np.ones((1, LANES), np.bool_), units, starts, units)
@@ -77,7 +77,7 @@ def _compile(numba: Any, function: Callable[..., None], **options: set[str]) -> 
 
 
 def _allow_full_vectors(numba: Any) -> None:  # noqa: ANN401
-    """Use AVX-512 at its full width, which LLVM by default leaves alone: nearly twice as fast."""
+    """Let LLVM use AVX-512 at its full width, which by default it does not: nearly twice as fast."""
     import llvmlite.binding as llvm
 
     features = llvm.get_host_cpu_features()
@@ -86,8 +86,8 @@ def _allow_full_vectors(numba: Any) -> None:  # noqa: ANN401
 
 
 def _uniform(key: np.uint64, counter: int, u: Array) -> None:  # pragma: no cover - compiled
-    # Salmon et al., "Parallel random numbers: as easy as 1, 2, 3" (2011). Products of 64 by 64 bits are put
-    # together from halves, as vectors have them; one step's four words are the lower and upper halves of two points'.
+    # Salmon et al., "Parallel random numbers: as easy as 1, 2, 3" (2011). Products of 64 by 64 bits are built from
+    # 32-bit halves, since vectors have no wider product. Two of a step's four words give a point: a number per half.
     half, low, eight, unit = np.uint64(32), np.uint64(0xFFFFFFFF), np.uint64(8), np.float32(2**-24)
     a, b = np.uint64(0xD2E7470EE14C6C93), np.uint64(0xCA5A826395121157)
     a0, a1, b0, b1 = a & low, a >> half, b & low, b >> half
@@ -119,7 +119,7 @@ def _pack(crossing: Mask, units: Array, starts: Starts, packed: Array) -> None: 
     for cell in range(crossing.shape[0]):
         count = 0
         for unit in range(crossing.shape[1]):
-            chosen[count] = unit  # without a branch: overwritten where it does not cross
+            chosen[count] = unit  # branch-free: overwritten next if the unit does not cross
             count += crossing[cell, unit]
         for row in range(7):
             for i in range(count):
@@ -134,7 +134,7 @@ def _sort(
     for i in range(x.shape[1]):
         a, b, c = x[0, i] - origin[0], x[1, i] - origin[1], x[2, i] - origin[2]
         a, b, c = a * per_unit[0], b * per_unit[1], c * per_unit[2]
-        inside = (a >= zero) & (a < edge) & (b >= zero) & (b < edge) & (c >= zero) & (c < edge)  # no NaN is
+        inside = (a >= zero) & (a < edge) & (b >= zero) & (b < edge) & (c >= zero) & (c < edge)  # false for NaN
         cells[i] = (np.int32(a) * side + np.int32(b)) * side + np.int32(c) if inside else outside
     ends[:] = 0
     for cell in cells:  # a counting sort

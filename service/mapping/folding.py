@@ -1,10 +1,10 @@
-"""Networks of one hidden layer of ReLUs, folded: exact, and several times less work where points are many.
+"""Networks with one hidden layer of ReLUs, folded: exact, and several times less work for many points.
 
 A hidden unit bends the network along one plane. In a cell of space that the plane does not cross, the unit
-is a linear function or nothing, so all such units of a cell add up to one affine map, and only the units
-whose planes cross the cell are left to compute: about 38% of HOF-1's on a grid of 4 x 4 x 4 cells, 20% on
-8 x 8 x 8. Outside the grid the network is whole. A point's result depends on its cell alone, never on the
-points that are computed with it.
+is either linear or zero. All such units of a cell add up to one affine map, and only the units whose planes
+cross the cell are left to compute: about 38% of HOF-1's on a grid of 4 x 4 x 4 cells, 20% on 8 x 8 x 8.
+Outside the grid the network is whole. A point's result depends on its cell alone, never on the points that
+are computed with it.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,11 +19,11 @@ from service.mapping.canonical import canonical_points
 from service.mapping.compiled import Compiled
 from service.mapping.spec import Array, MappingSpec, layers
 
-TILES: Final = (256, 128)  # points of one product, of at most and of more than `WIDE` units: 512 KiB, in the L2 cache
+TILES: Final = (256, 128)  # points of one product, for up to `WIDE` units and for more: 512 KiB fit the L2 cache
 WIDE: Final = 512  # units
-FROM: Final = 16_384  # index of the first point for which folding pays
-PROBE: Final = 1_024  # points that show where a function's values lie
-MARGIN: Final = 1e-4  # of a cell: a point on a border belongs to either side
+FROM: Final = 16_384  # index of the first point that is folded: folding pays off for many points only
+PROBE: Final = 1_024  # points that are sampled to bound a function's values
+MARGIN: Final = 1e-4  # of a cell: rounding may put a point near a border on either side
 
 Cells = npt.NDArray[np.int32]
 Corner = npt.NDArray[np.float64]
@@ -37,14 +37,14 @@ class Fold:
     ----------
     spec, theta : the function; `spec.is_one_relu_layer`.
     low, high : (3,) corners of the box.
-    grid : cells a side; 0 leaves the network whole everywhere.
+    grid : cells per side; 0 leaves the network whole everywhere.
 
     Attributes
     ----------
     first : (h, 4) float32, [W b]; second : (3, h) float32, V.
     origin, per_unit : (3,) float32, the box's low corner, and cells per unit of length.
-    affine : (grid ** 3 + 1, 3, 4) float32, [A a] of each cell; the last one is all that lies outside.
-    crossing : (grid ** 3 + 1, h), which units each cell is left with.
+    affine : (grid ** 3 + 1, 3, 4) float32, [A a] of each cell; the last cell is everything outside the box.
+    crossing : (grid ** 3 + 1, h) bool, the units whose planes cross each cell.
     """
 
     @np.errstate(over="ignore", invalid="ignore")  # the sampler checks the points
@@ -61,18 +61,19 @@ class Fold:
         self.affine[:, :, 3] += c
 
     def _cut(self, low: Corner, step: Corner) -> None:
-        """Find each cell's linear units, and add them up."""
+        """Find the linear units of each cell, and add them up."""
         w, b = self.first[:, :3], self.first[:, 3]
-        centres = low + step * (np.indices((self.grid,) * 3).reshape(3, -1).T + 0.5)
-        at = centres.astype(np.float32) @ w.T + b  # each unit's value in the middle of each cell
-        reach = (0.5 + MARGIN) * np.abs(w) @ step.astype(np.float32)  # how far it changes up to the cell's corners
+        centers = low + step * (np.indices((self.grid,) * 3).reshape(3, -1).T + 0.5)
+        at = centers.astype(np.float32) @ w.T + b  # value of each unit in the middle of each cell
+        reach = (0.5 + MARGIN) * np.abs(w) @ step.astype(np.float32)  # the most that it changes within the cell
         linear = at > reach
-        outer = (self.second.T[:, :, None] * self.first[:, None]).reshape(-1, 12)  # what each unit adds where linear
+        # A unit that is linear adds the product of its column of V and its row of [W b].
+        outer = (self.second.T[:, :, None] * self.first[:, None]).reshape(-1, 12)
         self.affine[:-1] = (linear.astype(np.float32) @ outer).reshape(-1, 3, 4)
         self.crossing[:-1] = ~(linear | (at < -reach))  # NaN too
 
     def cells(self, x: Array) -> Cells:
-        """Each point's cell: (3, n) -> (n,)."""
+        """Return the cell of each point: (3, n) -> (n,)."""
         cell, outside = np.zeros(x.shape[1], np.int32), np.zeros(x.shape[1], np.bool_)
         for row, origin, per_unit in zip(x, self.origin, self.per_unit, strict=True):
             steps = (row - origin) * per_unit
@@ -84,7 +85,7 @@ class Fold:
 
 
 class NumpyFold:
-    """A fold's values by NumPy, one cell after another, in tiles of one width."""
+    """A fold, evaluated by NumPy: one cell after another, in tiles of one width."""
 
     GRID: Final = 4
 
@@ -93,7 +94,7 @@ class NumpyFold:
         self._packed: dict[int, tuple[Array, Array]] = {}
 
     def map(self, x: Array) -> Array:
-        """(3, n) float32 -> (3, n)."""
+        """Compute the fold's values at points: (3, n) float32 -> (3, n)."""
         scratch = _Scratch(self._fold.second.shape[1])
         if not self._fold.grid:  # one cell: nothing to sort
             y = x.copy()
@@ -114,16 +115,16 @@ class NumpyFold:
         return y
 
     def _matrices(self, cell: int) -> tuple[Array, Array]:
-        """[W b] and [V A a] of the units that a cell is left with: (m, 4) and (3, m + 4)."""
+        """Return [W b] and [V A a] of the units that cross a cell: (m, 4) and (3, m + 4)."""
         if cell not in self._packed:
-            chosen = self._fold.crossing[cell]
-            second = np.concatenate([self._fold.second[:, chosen], self._fold.affine[cell]], axis=1)
-            self._packed[cell] = self._fold.first[chosen], second
+            units = self._fold.crossing[cell]
+            second = np.concatenate([self._fold.second[:, units], self._fold.affine[cell]], axis=1)
+            self._packed[cell] = self._fold.first[units], second
         return self._packed[cell]
 
 
 class _Scratch:
-    """One tile's memory: nothing is allocated per tile."""
+    """Memory for one tile, reused by all tiles."""
 
     def __init__(self, units: int) -> None:
         size = max(TILES[1] * units, TILES[0] * min(units, WIDE))
@@ -132,10 +133,10 @@ class _Scratch:
         self._output = buffer(1, 3 * TILES[0], 0)[0]
 
     def map(self, first: Array, second: Array, x: Array) -> None:
-        """Overwrite points of one cell, (3, n), by the function's values there."""
+        """Overwrite points of one cell, (3, n), with the function's values there."""
         units = len(first)
         tile = TILES[units > WIDE]
-        joined = self._joined[: (units + 4) * tile].reshape(-1, tile)  # hidden units; then, for [A a], (x, y, z, 1)
+        joined = self._joined[: (units + 4) * tile].reshape(-1, tile)  # hidden units, then (x, y, z, 1) for [A a]
         hidden, inputs = joined[:units], joined[units:]
         zeros, output = self._zeros[: units * tile].reshape(-1, tile), self._output[: 3 * tile].reshape(3, tile)
         inputs[3] = 1
@@ -149,7 +150,7 @@ class _Scratch:
 
 
 class CompiledFold:
-    """A fold's values by the compiled kernel."""
+    """A fold, evaluated by the compiled kernel."""
 
     GRID: Final = 6
 
@@ -162,7 +163,7 @@ class CompiledFold:
         kernel.pack(fold.crossing, np.concatenate([fold.first.T, fold.second]), self._starts, self._units)
 
     def map(self, x: Array) -> Array:
-        """(3, n) float32 -> (3, n)."""
+        """Compute the fold's values at points: (3, n) float32 -> (3, n)."""
         kernel, fold = self._kernel, self._fold
         order, ends = np.empty(x.shape[1], np.int32), np.empty(len(fold.affine), np.int64)
         kernel.sort(x, fold.origin, fold.per_unit, fold.grid, order, ends)
@@ -172,8 +173,11 @@ class CompiledFold:
 
 
 class FoldedWord:
-    """A word of such functions. Its first points are computed by the whole networks, since cutting costs
-    about as much as they do; which points these are depends on their index alone."""
+    """A word of functions with one hidden layer of ReLUs.
+
+    Points with an index below `FROM` are computed by the whole networks: cutting the networks costs about as much as
+    these points. The choice depends on a point's index alone.
+    """
 
     align: Final = 1
 
@@ -183,10 +187,10 @@ class FoldedWord:
         kernel, box = compiled.load(), np.ones(3)
         self._engine: type[NumpyFold | CompiledFold] = CompiledFold if kernel else NumpyFold
         self._make = partial(CompiledFold, kernel=kernel) if kernel else NumpyFold
-        self._whole = each_once(lambda theta: self._make(Fold(spec, theta, -box, box, 0)), self._thetas)
+        self._whole = pack_distinct(lambda theta: self._make(Fold(spec, theta, -box, box, 0)), self._thetas)
 
     def map(self, x: Array, first: int) -> Array:
-        """Canonical points `first` and on, (3, n), n > 0 -> the object's, (3, n)."""
+        """Map canonical points from index `first` on, (3, n) with n > 0, to the object's points, (3, n)."""
         whole = FROM - first
         if whole <= 0:
             return _through(self._folded, x)
@@ -196,7 +200,8 @@ class FoldedWord:
 
     @cached_property
     def _folded(self) -> list[NumpyFold | CompiledFold]:
-        """Each function over the box in which the one before it puts points; the first over the domain's."""
+        """Each function, folded over the bounding box of its inputs: the domain's, then the previous function's
+        values."""
         high = np.full(3, 1 + MARGIN)
         low, folded = -high, []
         points = canonical_points(self._spec.domain, PROBE).T
@@ -215,15 +220,17 @@ def _through(functions: Sequence[NumpyFold | CompiledFold], x: Array) -> Array:
     return x
 
 
-def each_once(make: Callable[[Array], Packed], thetas: Sequence[Array]) -> list[Packed]:
-    """`make` of every theta of a word, one that stands there several times made once."""
-    made = {key: make(theta) for key, theta in {id(theta): theta for theta in thetas}.items()}
-    return [made[id(theta)] for theta in thetas]
+def pack_distinct(pack: Callable[[Array], Packed], thetas: Sequence[Array]) -> list[Packed]:
+    """Pack every theta of a word; a theta that the word repeats is packed once."""
+    packed = {key: pack(theta) for key, theta in {id(theta): theta for theta in thetas}.items()}
+    return [packed[id(theta)] for theta in thetas]
 
 
 def buffer(rows: int, columns: int, value: float) -> Array:
-    """A filled (rows, columns) float32 array that starts on a cache line: a third faster in BLAS than one
-    that does not, and the same code path in every call."""
+    """Return a (rows, columns) float32 array, filled, that starts on a cache line.
+
+    BLAS is a third faster on such arrays, and takes the same code path in every call.
+    """
     line = 16  # float32s in 64 bytes
     memory = np.full(rows * columns + line, value, np.float32)
     start = -memory.ctypes.data % 64 // 4

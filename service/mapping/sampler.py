@@ -1,9 +1,9 @@
 """Points of an object: canonical points, tile by tile, through the mapping function.
 
-Networks of one hidden layer of ReLUs are folded (`service.mapping.folding`). Of the others a tile's activations fit
-the L2 cache, which makes them several times faster than `mapping.apply` on whole arrays. Every product has
-the same shape in every call, and tiles start at multiples of their size: outputs are bitwise equal in any
-chunking, on one machine and build of NumPy.
+Networks with one hidden layer of ReLUs are folded (`service.mapping.folding`). The others run in tiles whose
+activations fit the L2 cache, which is several times faster than `mapping.apply` on whole arrays. Every matrix
+product has the same shape in every call, and tiles start at multiples of their size. So outputs are bitwise
+equal in any chunking, on one machine and build of NumPy.
 """
 
 from collections.abc import Iterator, Sequence
@@ -15,19 +15,18 @@ from threadpoolctl import threadpool_limits
 
 from service.errors import CorruptWeights, InvalidParameter
 from service.mapping.canonical import Sampling, check_range, span
-from service.mapping.folding import FoldedWord, buffer, each_once
+from service.mapping.folding import FoldedWord, buffer, pack_distinct
 from service.mapping.spec import Array, MappingSpec, layers
 
 TILE: Final = 512  # points
 CHUNK: Final = 65_536  # points
-SCALES: Final = (1e-9, 1e9)
+SCALES: Final = (1e-9, 1e9)  # smallest and largest
 
-
-Canonical = tuple[Array, int, slice]  # points (input_dim, m), the index of the first, which of them are kept
+Canonical = tuple[Array, int, slice]  # points (input_dim, m) in whole tiles, index of the first, the selected ones
 
 
 class Sampler:
-    """The points of one object. Packed once; any number of threads may draw from it at a time.
+    """The points of one object. Packed once; any number of threads may use it at the same time.
 
     Parameters
     ----------
@@ -40,20 +39,20 @@ class Sampler:
 
     Raises
     ------
-    InvalidParameter : the word has not k functions.
+    InvalidParameter : the word does not have k functions.
     InvalidSpec : a theta does not fit the spec.
     """
 
     def __init__(self, spec: MappingSpec, word: Sequence[Array]) -> None:
         if len(word) != spec.k:
-            raise InvalidParameter(f"the word has {len(word)} functions, {spec.name} needs {spec.k}", field="word")
+            raise InvalidParameter(f"the word has {len(word)} functions, {spec.name} needs k = {spec.k}", field="word")
         self.domain: Final = spec.domain
         self._function = FoldedWord(spec, word) if spec.is_one_relu_layer else _Tiles(spec, word)
 
     def points(
         self, n: int, *, seed: int = 0, offset: int = 0, scale: float = 1.0, sampling: Sampling = "uniform"
     ) -> Array:
-        """Points of the object: ``scale * word[0](word[1](... word[-1](x)))`` (paper, eq. 4 and 5).
+        """Compute points of the object: ``scale * word[0](word[1](... word[-1](x)))`` (paper, eq. 4 and 5).
 
         Parameters
         ----------
@@ -69,18 +68,18 @@ class Sampler:
         InvalidParameter : an argument is out of range.
         CorruptWeights : the function's values exceed float32.
         """
-        _check(n, seed, offset, scale, sampling)
+        _check_arguments(n, seed, offset, scale, sampling)
         return self.at(self.canonical(n, seed, offset, sampling), scale)
 
     def canonical(self, n: int, seed: int, offset: int, sampling: Sampling) -> Canonical:
-        """Canonical points as in `points`, within blocks of whole tiles: for `at` of any sampler of the same spec."""
+        """Draw canonical points as `points` does, padded to whole tiles: input for `at` of any sampler of the spec."""
         align = self._function.align
         first = offset // align * align
         x = span(self.domain, seed, first, -(-(offset + n) // align) * align, sampling)
         return x, first, slice(offset - first, offset - first + n)
 
     def map(self, x: Array, scale: float = 1.0) -> Array:
-        """The object's points for canonical points of one's own choice: (n, input_dim) float32 -> (n, 3).
+        """Compute the object's points for any canonical points: (n, input_dim) float32 -> (n, 3).
 
         Raises
         ------
@@ -89,17 +88,17 @@ class Sampler:
         return self.at(self.padded(x), scale)
 
     def padded(self, x: Array) -> Canonical:
-        """Canonical points of one's own choice, (n, input_dim), in whole tiles: for `at` of any sampler of the spec."""
+        """Pad any canonical points, (n, input_dim), to whole tiles: input for `at` of any sampler of the spec."""
         n, align = len(x), self._function.align
         whole = np.zeros((x.shape[1], -(-n // align) * align), np.float32)
         whole[:, :n] = x.T
         return whole, 0, slice(n)
 
     def at(self, canonical: Canonical, scale: float = 1.0) -> Array:
-        """The object's points that are kept of canonical ones, (n, 3). Raises CorruptWeights."""
-        x, first, kept = canonical
+        """Compute the object's points at the selected canonical points, (n, 3). Raises CorruptWeights."""
+        x, first, selected = canonical
         with np.errstate(over="ignore", invalid="ignore"):  # checked below, once
-            mapped = self._function.map(x, first)[:, kept]
+            mapped = self._function.map(x, first)[:, selected]
             points: Array = np.multiply(mapped.T, np.float32(scale), order="C")
         if not np.isfinite(points).all():
             raise CorruptWeights("the mapping function's values exceed float32", field="theta")
@@ -117,16 +116,16 @@ def sample(
     sampling: Sampling = "uniform",
     chunk: int = CHUNK,
 ) -> Iterator[Array]:
-    """`Sampler.points` in pieces of at most `chunk` points, in order.
+    """Return the points of `Sampler.points` in order, in chunks of at most `chunk` points, (m, 3) float32.
 
     Raises
     ------
-    InvalidParameter, InvalidSpec : at once, as `Sampler` and its `points` do.
+    InvalidParameter, InvalidSpec : at once, as `Sampler` and `Sampler.points`.
     CorruptWeights : while iterating.
     """
     if chunk < 1:
-        raise InvalidParameter(f"chunk must be at least 1, not {chunk}", field="chunk")
-    _check(n, seed, offset, scale, sampling)
+        raise InvalidParameter(f"chunk is {chunk}, it must be at least 1", field="chunk")
+    _check_arguments(n, seed, offset, scale, sampling)
     sampler, stop = Sampler(spec, word), offset + n
     return (
         sampler.points(min(chunk, stop - start), seed=seed, offset=start, scale=scale, sampling=sampling)
@@ -135,29 +134,31 @@ def sample(
 
 
 def hold_blas_to_one_thread() -> None:
-    """For the whole process, and what a service calls once: tiles are too small to share, and requests have
-    threads of their own."""
+    """Limit BLAS to one thread in the whole process; a service calls this once.
+
+    Tiles are too small to share between threads, and each request runs on a thread of its own.
+    """
     threadpool_limits(1, user_api="blas")
 
 
-def _check(n: int, seed: int, offset: int, scale: float, sampling: Sampling) -> None:
+def _check_arguments(n: int, seed: int, offset: int, scale: float, sampling: Sampling) -> None:
     check_range(n, seed, offset, sampling)
     if not SCALES[0] <= scale <= SCALES[1]:
-        raise InvalidParameter(f"scale must lie in {SCALES[0]:g} to {SCALES[1]:g}", field="scale")
+        raise InvalidParameter(f"scale is {scale:g}, it must lie in {SCALES[0]:g} to {SCALES[1]:g}", field="scale")
 
 
 class _Tiles:
-    """A word of any networks, packed once: [W b] is one matrix, and every array that it multiplies ends in a
-    row of ones, so that a layer is one product."""
+    """A word of any networks, packed once: [W b] is one matrix, and every array it multiplies ends in a row of
+    ones, so that a layer is one product."""
 
     align: Final = TILE
 
     def __init__(self, spec: MappingSpec, word: Sequence[Array]) -> None:
         self._spec = spec
-        self._functions = each_once(partial(_pack, spec), word[::-1])
+        self._functions = pack_distinct(partial(_pack, spec), word[::-1])
 
     def map(self, x: Array, _: int) -> Array:
-        """Canonical points, (input_dim, n), n a multiple of `align` -> the object's, (3, n)."""
+        """Map canonical points, (input_dim, n) with n a multiple of `align`, to the object's points, (3, n)."""
         inputs = buffer(self._spec.input_dim + 1, TILE, 1)
         output = buffer(self._spec.output_dim + 1, TILE, 1)
         hidden = [buffer(width + 1, TILE, 1) for width in self._spec.hidden]
@@ -179,5 +180,5 @@ class _Tiles:
 
 
 def _pack(spec: MappingSpec, theta: Array) -> list[Array]:
-    """Each layer's [W b], (out, in + 1) float32."""
+    """Return [W b] of each layer, (out, in + 1) float32."""
     return [np.concatenate([w, b[:, None]], axis=1, dtype=np.float32) for w, b in layers(spec, theta)]

@@ -1,4 +1,4 @@
-"""The mapping function f_theta: what its weights mean, and its plain NumPy forward pass.
+"""The mapping function f_theta: the layout of its weights, and its plain NumPy forward pass.
 
 `theta` is one flat float32 vector: layer by layer, W row-major (out, in), then b (out). The forward
 pass here is the readable reference; `service.mapping.sampler` holds the fast one.
@@ -27,27 +27,27 @@ MAX_WIDTH: Final = 65_536
 MAX_HIDDEN_LAYERS: Final = 64
 MAX_K: Final = 16
 MAX_SIZE: Final = 16_777_216  # numbers in theta: 64 MiB
-CACHED_SPECS: Final = 64  # whose JSON is kept: those of the models, whatever is imported beside them
+CACHED_SPECS: Final = 64  # specs whose JSON is cached: enough for those of the models, whatever users import
 
 
 @dataclass(frozen=True)
 class MappingSpec:
-    """The shape of a mapping function f: R^input_dim -> R^output_dim and how it is sampled.
+    """The shape and canonical domain of a mapping function f: R^input_dim -> R^output_dim.
 
     Parameters
     ----------
-    name : a label for people, "HOF-1" say.
+    name : a label for people, for example "HOF-1".
     input_dim, output_dim : dimensions of the canonical domain and of the object's space.
     hidden : widths of the hidden layers, first to last.
-    activation : what stands after every hidden layer; the last layer is affine.
-    k : how often f is applied: the object is f^k(X) (paper, section 3.3). Needs
-        ``input_dim == output_dim`` when above 1.
+    activation : the nonlinearity after every hidden layer; the last layer is affine.
+    k : number of applications of f: the object is f^k(X) (paper, section 3.3). k above 1 needs
+        ``input_dim == output_dim``.
     domain : the canonical set X: `ball` and `sphere` of radius 1 in 3D, `ball4` of radius 1 in 4D,
         `cube` [-1, 1]^3; always sampled uniformly.
 
     Raises
     ------
-    InvalidSpec : the fields contradict each other or exceed a limit.
+    InvalidSpec : the fields contradict each other, or one exceeds its limit.
     """
 
     name: str
@@ -69,46 +69,48 @@ class MappingSpec:
                 field="input_dim",
             )
         if self.output_dim != 3:
-            raise InvalidSpec(f"output_dim must be 3, not {self.output_dim}", field="output_dim")
+            raise InvalidSpec(f"output_dim is {self.output_dim}, it must be 3", field="output_dim")
         if not 1 <= len(self.hidden) <= MAX_HIDDEN_LAYERS:
-            raise InvalidSpec(f"hidden must have 1 to {MAX_HIDDEN_LAYERS} widths", field="hidden")
+            raise InvalidSpec(
+                f"hidden has {len(self.hidden)} widths, the limit is 1 to {MAX_HIDDEN_LAYERS}", field="hidden"
+            )
         if not all(1 <= width <= MAX_WIDTH for width in self.hidden):
-            raise InvalidSpec(f"hidden widths must lie in 1..{MAX_WIDTH}", field="hidden")
+            raise InvalidSpec(f"each hidden width must lie in 1 to {MAX_WIDTH}", field="hidden")
         if not 1 <= self.k <= MAX_K:
-            raise InvalidSpec(f"k must lie in 1..{MAX_K}, not {self.k}", field="k")
+            raise InvalidSpec(f"k is {self.k}, it must lie in 1 to {MAX_K}", field="k")
         if self.k > 1 and self.input_dim != self.output_dim:
-            raise InvalidSpec("k > 1 needs input_dim = output_dim", field="k")
+            raise InvalidSpec("k above 1 needs input_dim equal to output_dim", field="k")
         if self.size > MAX_SIZE:
-            raise InvalidSpec(f"theta would have {self.size} numbers, at most {MAX_SIZE}", field="hidden")
+            raise InvalidSpec(f"theta would have {self.size} numbers, the limit is {MAX_SIZE}", field="hidden")
 
     @property
     def is_one_relu_layer(self) -> bool:
-        """Whether f is x -> V relu(W x + b) + c on three inputs, which has faster ways of its own."""
+        """Return whether f is x -> V relu(W x + b) + c on three inputs, for which there is a faster algorithm."""
         return self.input_dim == 3 and len(self.hidden) == 1 and self.activation == "relu"
 
     @property
     def shapes(self) -> list[tuple[int, int]]:
-        """(out, in) of each layer's W, first to last."""
+        """Shapes (out, in) of each layer's W, first to last."""
         dims = [self.input_dim, *self.hidden, self.output_dim]
         return [(n_out, n_in) for n_in, n_out in itertools.pairwise(dims)]
 
     @property
     def size(self) -> int:
-        """How many numbers theta has: 7,171 for HOF-1."""
+        """Number of weights in theta: 7,171 for HOF-1."""
         return sum(n_out * n_in + n_out for n_out, n_in in self.shapes)
 
-    @lru_cache(CACHED_SPECS)  # noqa: B019 - what it keeps are values
+    @lru_cache(CACHED_SPECS)  # noqa: B019 - specs are values, and the cache is small
     def to_json(self) -> str:
-        """The spec as one line of JSON, keys sorted: equal specs give equal text."""
+        """Return the spec as one line of JSON with sorted keys: equal specs give equal text."""
         return json.dumps(asdict(self), sort_keys=True, separators=(",", ":"))
 
     @classmethod
     def from_dict(cls, fields: object) -> "MappingSpec":
-        """The spec of a decoded JSON object.
+        """Return the spec of a decoded JSON object.
 
         Raises
         ------
-        InvalidSpec : a field is missing, unknown or of the wrong kind.
+        InvalidSpec : a field is missing, unknown or of the wrong type.
         """
         if not isinstance(fields, dict):
             raise InvalidSpec("a spec must be a JSON object", field="spec")
@@ -117,7 +119,7 @@ class MappingSpec:
 
     @classmethod
     def from_json(cls, text: str) -> "MappingSpec":
-        """Inverse of `to_json`. Raises InvalidSpec."""
+        """Read the text that `to_json` returns. Raises InvalidSpec."""
         try:
             fields = json.loads(text)
         except (ValueError, RecursionError) as error:
@@ -125,20 +127,19 @@ class MappingSpec:
         return cls.from_dict(fields)
 
     def with_k(self, k: int) -> "MappingSpec":
-        """The same function, applied k times."""
+        """Return the spec of the same function, applied k times."""
         return replace(self, k=k)
 
 
 @dataclass(frozen=True, eq=False)
 class Color:
-    """What colours an object: functions on its canonical points, whose values are red, green, blue.
+    """The color of an object: functions from its canonical points to red, green, blue.
 
-    The colour of the canonical point x is the mean over the functions of their values at x, each clipped to
-    [0, 1]; sRGB.
+    The color of the canonical point x is the mean of the functions' values at x, each clipped to [0, 1]; sRGB.
 
     spec : the functions' common shape.
-    weights : (spec.size,) float32, laid out as theta is; of a composed object (m, spec.size), those of its k
-        functions that have a colour.
+    weights : (spec.size,) float32, laid out like theta. A composed object has (m, spec.size): a row for each of
+        its k functions that has a color.
     """
 
     spec: MappingSpec
@@ -149,8 +150,8 @@ class Color:
 class Functions:
     """The functions of one object.
 
-    theta : (spec.size,) float32; of a composed object (k, spec.size), the last row applied first.
-    color : None where the object has no colour.
+    theta : (spec.size,) float32; for a composed object (k, spec.size), the last row applied first.
+    color : None if the object has no color.
     """
 
     theta: Array
@@ -158,19 +159,19 @@ class Functions:
 
 
 def joined(word: Sequence[Functions]) -> Functions:
-    """The functions of a composed object: those of its word, in order, whose specs are equal."""
+    """Stack the functions of a word, in order, into those of the composed object. Their specs must be equal."""
     colors = [functions.color for functions in word if functions.color]
     color = Color(colors[0].spec, np.stack([each.weights for each in colors])) if colors else None
     return Functions(np.stack([functions.theta for functions in word]), color)
 
 
 def check_color_spec(spec: MappingSpec, color_spec: MappingSpec) -> None:
-    """Refuse, with InvalidSpec, what cannot colour the canonical points of a mapping function."""
+    """Raise InvalidSpec if a color function does not fit the canonical points of a mapping function."""
     if color_spec.k != 1:
-        raise InvalidSpec(f"the colour's k must be 1, not {color_spec.k}", field="color_spec")
+        raise InvalidSpec(f"the color's k is {color_spec.k}, it must be 1", field="color_spec")
     if color_spec.domain != spec.domain:
         raise InvalidSpec(
-            f"the colour's domain must be {spec.domain!r}, as the points', not {color_spec.domain!r}",
+            f"the color's domain is {color_spec.domain!r}, it must be that of the points, {spec.domain!r}",
             field="color_spec",
         )
 
@@ -180,7 +181,7 @@ HOF_3: Final = MappingSpec("HOF-3", input_dim=3, hidden=(128, 128, 128), output_
 
 
 def _check_fields(fields: dict[str, Any]) -> None:
-    """Refuse missing and unknown keys and wrong kinds before the dataclass sees them."""
+    """Raise InvalidSpec for a missing or unknown key or a wrong type, before the dataclass is built."""
     kinds = {"name": str, "input_dim": int, "hidden": list, "output_dim": int}
     optional = {"activation": str, "k": int, "domain": str}
     for key in kinds.keys() - fields.keys():
@@ -196,7 +197,7 @@ def _check_fields(fields: dict[str, Any]) -> None:
 
 
 def layers(spec: MappingSpec, theta: Array) -> list[tuple[Array, Array]]:
-    """Views of theta as [(W (out, in), b (out,)), ...], first layer first.
+    """Split theta into views [(W (out, in), b (out,)), ...], first layer first.
 
     Raises
     ------
@@ -213,7 +214,7 @@ def layers(spec: MappingSpec, theta: Array) -> list[tuple[Array, Array]]:
 
 
 def apply(spec: MappingSpec, theta: Array, x: Array) -> Array:
-    """One application f_theta(x): (n, input_dim) -> (n, output_dim), float32 (paper, eq. 2)."""
+    """Apply f_theta once: x (n, input_dim) -> (n, output_dim), float32 (paper, eq. 2)."""
     *hidden, (w_last, b_last) = layers(spec, theta)
     for w, b in hidden:
         x = x @ w.T + b  # (n, out)
@@ -222,24 +223,24 @@ def apply(spec: MappingSpec, theta: Array, x: Array) -> Array:
 
 
 def compose(spec: MappingSpec, word: Sequence[Array], x: Array) -> Array:
-    """f_word[0](f_word[1](... f_word[-1](x))): the last function is applied first (paper, eq. 5)."""
+    """Compute f_word[0](f_word[1](... f_word[-1](x))): the last function is applied first (paper, eq. 5)."""
     for theta in reversed(word):
         x = apply(spec, theta, x)
     return x
 
 
 def word_of(spec: MappingSpec, theta: Array) -> tuple[Array, ...]:
-    """An object's k functions, the last one applied first: the rows of theta (k, size), or theta (size,) k times."""
+    """Return an object's k functions, the last one applied first: theta (size,) k times, or theta's k rows."""
     return (theta,) * spec.k if theta.ndim == 1 else tuple(theta)
 
 
 def power(spec: MappingSpec, theta: Array, x: Array) -> Array:
-    """f^k(x) with ``k = spec.k`` (paper, eq. 4)."""
+    """Compute f^k(x) with ``k = spec.k`` (paper, eq. 4)."""
     return compose(spec, [theta] * spec.k, x)
 
 
 def initial_theta(spec: MappingSpec, seed: int = 0) -> Array:
-    """An ordinary initialisation of f: W and b uniform in +-1/sqrt(in), seeded, float32."""
+    """Draw initial weights, float32: W and b uniform in +-1/sqrt(in), from a seed."""
     rng = np.random.default_rng(seed)
     parts = []
     for n_out, n_in in spec.shapes:

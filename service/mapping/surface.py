@@ -1,10 +1,10 @@
 """An object's surface: a triangulated canonical domain, pushed through the mapping function (paper, section 3.1).
 
-f is continuous, so what it makes of a mesh hangs together as the mesh does: no points have to be joined by guess.
-The sphere is one icosphere; of a solid domain several shells, one inside the other, come out as layers of the
-object. Where f moves parts of the object apart it stretches what lies between: such triangles are cut.
-A vertex is the image of a canonical point as any other, and has that point's colour.
-How it compares with grids, Poisson and ball pivoting is in RESULTS.md.
+f is continuous, so the image of a mesh is connected as the mesh is, and no points have to be joined by guess.
+The sphere is one icosphere. A solid domain is filled with nested shells, which become layers of the object.
+Where f moves parts of the object apart, it stretches the triangles between them; those are cut out.
+A vertex is the image of a canonical point, and has the color of that point.
+RESULTS.md compares this with grids, Poisson reconstruction and ball pivoting.
 """
 
 import itertools
@@ -26,7 +26,7 @@ Values = npt.NDArray[np.float64]
 RESOLUTION: Final = 64
 RESOLUTIONS: Final = (8, 160)
 SHELLS: Final[dict[Domain, int]] = {"sphere": 1, "ball": 24, "cube": 24, "ball4": 24}
-MOST_STRETCH: Final = 6.0  # of a triangle's area, in medians of all; chosen on the validation split
+MOST_STRETCH: Final = 6.0  # growth of a triangle's area, in medians of all; chosen on the validation split
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,9 +34,9 @@ class Surface:
     """A triangle mesh.
 
     vertices : (v, 3) float32, object frame.
-    triangles : (t, 3) uint32, each three vertices, counter-clockwise seen from outside.
+    triangles : (t, 3) uint32, three vertices each, counter-clockwise seen from outside.
     normals : (v, 3) float32, of length 1.
-    colors : (v, 3) uint8, sRGB; None where there are none.
+    colors : (v, 3) uint8, sRGB; None if the object has no color.
     """
 
     vertices: Array
@@ -48,33 +48,33 @@ class Surface:
 def surface_of(
     sampler: Sampler, resolution: int = RESOLUTION, scale: float = 1.0, color: ColorSampler | None = None
 ) -> Surface:
-    """The surface of an object.
+    """Compute the surface of an object.
 
     Parameters
     ----------
     sampler : the object.
-    resolution : there are 20 resolution^2 triangles, before any are cut.
+    resolution : the surface has 20 resolution^2 triangles before any are cut out.
     scale : length of the object's longest side, in any unit.
-    color : what colours the vertices; None for a surface without colours.
+    color : colors of the vertices; None for a surface without colors.
 
     Raises
     ------
-    CorruptWeights : the function's values, or the colour's, exceed float32.
+    CorruptWeights : a value of the function or of the color exceeds float32.
     """
     points, triangles = shells(sampler.domain, resolution)
     vertices = sampler.map(points, scale)
-    kept = triangles[_stretch(points, vertices, triangles) <= MOST_STRETCH]
-    used, corners = np.unique(kept, return_inverse=True)
-    vertices, kept = vertices[used], corners.reshape(-1, 3).astype(np.uint32)
-    return Surface(vertices, kept, _normals(vertices, kept), color.map(points[used]) if color else None)
+    triangles = triangles[_stretch(points, vertices, triangles) <= MOST_STRETCH]
+    used, corners = np.unique(triangles, return_inverse=True)
+    vertices, triangles = vertices[used], corners.reshape(-1, 3).astype(np.uint32)
+    return Surface(vertices, triangles, _normals(vertices, triangles), color.map(points[used]) if color else None)
 
 
 @lru_cache(maxsize=4)
 def shells(domain: Domain, resolution: int) -> tuple[Array, Indices]:
-    """Closed meshes in a canonical domain: points (n, d) float32 and triangles (t, 3), outward.
+    """Return closed meshes in a canonical domain: points (n, d) float32, and triangles (t, 3) facing outward.
 
-    The sphere is itself. Of a ball each shell is the middle of an equal share of the volume, of the cube likewise;
-    of the ball in four dimensions each is a sphere in three of them.
+    The sphere is one shell. In a ball or cube, each shell lies in the middle of an equal share of the volume; in the
+    four-dimensional ball, each shell is a sphere in three of the dimensions.
     """
     count = SHELLS[domain]
     sphere, triangles = icosphere(max(1, round(resolution / math.sqrt(count))))
@@ -91,20 +91,20 @@ def shells(domain: Domain, resolution: int) -> tuple[Array, Indices]:
 
 
 def icosphere(resolution: int) -> tuple[Array, Indices]:
-    """The unit sphere as 20 r^2 triangles over 10 r^2 + 2 points: each edge of an icosahedron in r parts."""
+    """Divide each edge of an icosahedron in r parts: a unit sphere of 20 r^2 triangles and 10 r^2 + 2 points."""
     corners, faces = _icosahedron()
     i, j = (part.ravel() for part in np.indices((resolution + 1, resolution + 1)))
     inside = i + j <= resolution
     weights = np.stack([i, j, resolution - i - j], axis=1)[inside]  # (m, 3)
-    number = np.cumsum(inside) - 1  # of lattice point (i, j), at i * row + j
+    number = np.cumsum(inside) - 1  # number of lattice point (i, j), at i * row + j
     row = resolution + 1
-    here = np.flatnonzero(inside & (i + j < resolution))  # where an upward triangle begins
-    there = np.flatnonzero(inside & (i + j < resolution - 1))  # and one downward beside it
-    up = np.stack([here, here + row, here + 1], axis=1)
-    down = np.stack([there + row, there + row + 1, there + 1], axis=1)
+    upward = np.flatnonzero(inside & (i + j < resolution))  # lattice points at which an upward triangle begins
+    downward = np.flatnonzero(inside & (i + j < resolution - 1))  # those with a downward triangle beside it
+    up = np.stack([upward, upward + row, upward + 1], axis=1)
+    down = np.stack([downward + row, downward + row + 1, downward + 1], axis=1)
     lattice = number[np.concatenate([up, down])]  # (r^2, 3)
     points = (weights @ corners[faces]).reshape(-1, 3)  # (20 m, 3)
-    # Faces share their borders. Different points are 2 apart or more, hence over 1 in one coordinate.
+    # Faces share their borders. Different points are at least 2 apart, so one coordinate differs by more than 1.
     _, first, merged = np.unique(np.rint(points), axis=0, return_index=True, return_inverse=True)
     triangles = merged.ravel()[lattice + len(weights) * np.arange(20)[:, None, None]].reshape(-1, 3)
     sphere = points[first] / np.linalg.norm(points[first], axis=1, keepdims=True)
@@ -112,14 +112,14 @@ def icosphere(resolution: int) -> tuple[Array, Indices]:
 
 
 def cross_products(vertices: Array, triangles: Indices) -> Values:
-    """Of two edges of each triangle, (t, 3): its normal, twice its area long."""
+    """Return the cross product of two edges of each triangle, (t, 3): its normal, twice its area long."""
     a, b, c = (vertices[corner].astype(np.float64) for corner in triangles.T)
     products: Values = np.cross(b - a, c - a)
     return products
 
 
 def _icosahedron() -> tuple[npt.NDArray[np.float64], npt.NDArray[np.intp]]:
-    """Corners (12, 3), edges 2 long, and faces (20, 3), counter-clockwise seen from outside."""
+    """Return corners (12, 3) with edges of length 2, and faces (20, 3), counter-clockwise seen from outside."""
     golden = (1 + math.sqrt(5)) / 2
     signs = itertools.product((-1, 1), repeat=2)
     corners = np.array([np.roll((0, a, b * golden), shift) for a, b in signs for shift in range(3)])
@@ -132,14 +132,14 @@ def _icosahedron() -> tuple[npt.NDArray[np.float64], npt.NDArray[np.intp]]:
 
 
 def _stretch(points: Array, vertices: Array, triangles: Indices) -> Values:
-    """How many times larger f makes each triangle, in medians of all: (t,)."""
+    """Return how much f enlarges each triangle's area, as a multiple of the median: (t,)."""
     stretch = _areas(vertices, triangles) / _areas(points, triangles)
     median = float(np.median(stretch))
     return stretch / median if median else np.zeros_like(stretch)
 
 
 def _areas(points: Array, triangles: Indices) -> Values:
-    """Of each triangle, in any number of dimensions: (t,)."""
+    """Return the area of each triangle, in any number of dimensions: (t,)."""
     a, b, c = (points[corner].astype(np.float64) for corner in triangles.T)
     b -= a
     c -= a
@@ -149,7 +149,7 @@ def _areas(points: Array, triangles: Indices) -> Values:
 
 
 def _normals(vertices: Array, triangles: Indices) -> Array:
-    """The mean of the triangles around each vertex, weighted by their areas; (0, 1, 0) where they cancel out."""
+    """Return each vertex's normal: the area-weighted mean of its triangles', or (0, 1, 0) where they cancel out."""
     products = cross_products(vertices, triangles)
     sums = [np.bincount(triangles.ravel(), np.repeat(part, 3), len(vertices)) for part in products.T]
     normals = np.stack(sums, axis=1)
