@@ -14,8 +14,9 @@ import torch.nn.functional as nnf
 from torch import Tensor, nn
 
 from model.config import TrainConfig
-from model.networks.encoder import HALF, ImageEncoder, ImageTrunk
+from model.networks.encoder import ImageEncoder, ImageTrunk
 from model.networks.mapping import power
+from model.networks.precision import trunk_precision
 
 DEEPSDF_CODE: Final = 256
 FOLDINGNET_CODE: Final = 512
@@ -56,7 +57,7 @@ class Lvc(nn.Module):
         of_point, of_code = self.first.weight.split([x.shape[2], code.shape[1]], dim=1)  # type: ignore[no-untyped-call]
         x = nnf.linear(x, of_point) + nnf.linear(code, of_code, self.first.bias).unsqueeze(1)
         *between, last = self.others
-        with torch.autocast("cpu", torch.bfloat16, enabled=HALF and self.training):
+        with trunk_precision(x.device, self.training):
             for layer in between:
                 x = layer(x.relu())
         points: Tensor = last(x.float().relu())

@@ -14,18 +14,18 @@ from torch import Tensor, nn
 from model.config import EncoderConfig
 from model.networks import lite0
 from model.networks.lite0 import Lite0
+from model.networks.precision import trunk_precision
 from service.mapping.spec import MappingSpec, initial_theta
 
 HEAD_SCALE: Final = 0.2  # of theta_0: how far objects differ at the start; exactly zero stalls
 DROPOUT: Final = 0.2  # of the maps at the end of the pretrained convolutions
-HALF: Final = any(map(torch.cpu.get_capabilities().get, ("amx_bf16", "avx512_bf16")))  # bfloat16 is faster here
 
 
 class ImageTrunk(nn.Module):
     """Convolutions and fully connected layers that every method shares: an RGB image becomes features.
 
     `width` is the number of features: the rank, or without one the width of the last fully connected layer. In
-    training the trunk computes in bfloat16 where the CPU gains by it; in evaluation always in float32.
+    training the trunk computes in bfloat16 where the device gains by it; in evaluation always in float32.
     """
 
     def __init__(self, config: EncoderConfig, size: int) -> None:
@@ -48,7 +48,7 @@ class ImageTrunk(nn.Module):
 
     def look(self, image: Tensor) -> tuple[Tensor, Tensor]:
         """Return the last feature maps (b, maps, side, side) of images (b, 3, size, size), and features (b, width)."""
-        with torch.autocast("cpu", torch.bfloat16, enabled=HALF and self.training):
+        with trunk_precision(image.device, self.training):
             maps: Tensor = self.features(image)
             features: Tensor = self.dense(maps.flatten(1))
         return maps.float(), features.float()

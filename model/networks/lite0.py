@@ -82,7 +82,9 @@ class Block(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         """(b, maps, s, s) -> (b, grown, s / stride, s / stride)."""
         wide = x if self.expand is None else nnf.relu6(self.expand(x))
-        found = nnf.relu6(self._trained_depthwise(wide) if self.training else self.depthwise(wide))
+        found = nnf.relu6(
+            self._trained_depthwise(wide) if self.training and x.device.type == "cpu" else self.depthwise(wide)
+        )
         projected: Tensor = self.project(found)
         return x + projected if self.skips else projected
 

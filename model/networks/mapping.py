@@ -6,7 +6,7 @@ With `model.networks.encoder` this is the whole model: an image becomes theta th
 import torch
 from torch import Tensor
 
-from model.networks.ops import fused_mlp
+from model.networks.ops.dispatch import fused_layers
 from service.mapping.spec import MappingSpec
 
 
@@ -41,7 +41,7 @@ def _fused_power(spec: MappingSpec, theta: Tensor, x: Tensor) -> Tensor:
     layers = [w.transpose(1, 2).contiguous(), b.contiguous(), v.contiguous(), c.contiguous()]
     x = x.transpose(1, 2).contiguous()
     for _ in range(spec.k):
-        x = fused_mlp.FusedLayers.apply(*layers, x)  # type: ignore[no-untyped-call]
+        x = fused_layers(x.device).apply(*layers, x)  # type: ignore[no-untyped-call]
     return x.transpose(1, 2)
 
 

@@ -4,7 +4,7 @@ from typing import Final
 
 from torch import Tensor
 
-from model.networks.ops.nearest import nearest
+from model.networks.ops.dispatch import nearest
 
 SATURATION: Final = 0.02  # longest sides: where a distance stops to matter to the F-score-like term
 F_WEIGHT: Final = 0.1  # of that term; its slope at distance 0 is F_WEIGHT / SATURATION

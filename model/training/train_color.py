@@ -21,7 +21,7 @@ from model.data.dataset import Batch, draw_batch, load_examples
 from model.networks.color_head import ColorHead, color_spec, look, save
 from model.networks.encoder import ImageEncoder
 from model.networks.mapping import power
-from model.networks.ops.nearest import nearest
+from model.networks.ops.dispatch import nearest
 from model.provenance import provenance
 from model.training.checkpoints import chosen_checkpoint, load_encoder
 from model.training.losses import gather

@@ -75,7 +75,7 @@ def test_a_step_moves_what_is_not_frozen_and_the_pretrained_part_less(lite0: Lit
 
 def test_cores_that_share_a_batch_find_the_gradients_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("model.networks.encoder.DROPOUT", 0.0)
-    monkeypatch.setattr("model.networks.encoder.HALF", False)
+    monkeypatch.setattr("model.networks.precision.HALF", False)
     found, losses = [], []
     for count in (1, 3):  # 3 parts of 4 images: 2, 1 and 1
         state = _State.begin(CONFIG)
