@@ -14,8 +14,8 @@ ROW: Final = re.compile(r"^\| `--([a-z-]+)` \|.*$", re.MULTILINE)
 def row(name: str) -> str:
     """Return the table row of one setting: flag, variable, default, purpose."""
     field = Settings.model_fields[name]
-    purpose, _, described_default = str(field.description).partition("; default: ")
-    default = described_default if field.default_factory else "none" if field.default is None else f"`{field.default}`"
+    purpose, _, default = str(field.description).partition("; default: ")
+    default = default or ("none" if field.default is None else f"`{field.default}`")
     return f"| `--{name.replace('_', '-')}` | `HOF_{name.upper()}` | {default} | {purpose} |"
 
 
