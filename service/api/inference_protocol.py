@@ -1,7 +1,7 @@
-"""The Open Inference Protocol, version 2: its requests -> images, thetas -> its answers.
+"""Open Inference Protocol, version 2: parse its requests into images, and format thetas as its answers.
 
-A tensor is JSON, or bytes behind the JSON (the extension `binary_tensor_data`): `Inference-Header-Content-Length`
-then says where the JSON ends. https://github.com/kserve/open-inference-protocol
+A tensor is JSON, or bytes after the JSON (the extension `binary_tensor_data`); `Inference-Header-Content-Length` then
+gives the length of the JSON. https://github.com/kserve/open-inference-protocol
 """
 
 import json
@@ -21,8 +21,8 @@ from service.runtime.batcher import MAX_BATCH
 
 EXTENSION: Final = "binary_tensor_data"
 HEADER_LENGTH: Final = "Inference-Header-Content-Length"
-JSON_NUMBER_BYTES: Final = 24  # of a number and its comma: a double has 17 digits, a point, an exponent
-JSON_OVERHEAD_BYTES: Final = 16_384  # all but the numbers
+JSON_NUMBER_BYTES: Final = 24  # a number and its comma: a double has 17 digits, a point, an exponent
+JSON_OVERHEAD_BYTES: Final = 16_384  # everything but the numbers
 
 
 class _Part(BaseModel):
@@ -30,13 +30,13 @@ class _Part(BaseModel):
 
 
 class InputParameters(_Part):
-    """Where an input's numbers are."""
+    """Parameters of an input."""
 
-    binary_data_size: int | None = Field(default=None, description="bytes of the tensor behind the JSON")
+    binary_data_size: int | None = Field(default=None, description="bytes of the tensor after the JSON")
 
 
 class Input(_Part):
-    """The images."""
+    """The input tensor: the images."""
 
     name: Literal["image"]
     shape: list[int] = Field(description="(b, 3, size, size); `/v2/models/{name}` has the size")
@@ -46,24 +46,24 @@ class Input(_Part):
 
 
 class OutputParameters(_Part):
-    """How an output comes."""
+    """Parameters of an output."""
 
-    binary_data: bool | None = Field(default=None, description="as bytes behind the JSON, not in it")
+    binary_data: bool | None = Field(default=None, description="send the output as bytes after the JSON, not in it")
 
 
 class Output(_Part):
-    """An output that is asked for."""
+    """A requested output."""
 
     name: str
     parameters: OutputParameters = OutputParameters()
 
 
 class RequestParameters(BaseModel):
-    """What holds for the whole request; hints of other servers, `priority` say, are passed over."""
+    """Parameters of the whole request; unknown hints such as `priority` are ignored."""
 
     model_config = ConfigDict(strict=True)
 
-    binary_data_output: bool = Field(default=False, description="`binary_data` of the outputs that do not say")
+    binary_data_output: bool = Field(default=False, description="`binary_data` of the outputs that do not set it")
 
 
 class InferenceRequest(_Part):
@@ -76,7 +76,7 @@ class InferenceRequest(_Part):
 
 
 class InferenceServer(BaseModel):
-    """The service, as the Open Inference Protocol has it; so the models below."""
+    """The service, in the terms of the Open Inference Protocol."""
 
     name: str = Field(examples=["hof"])
     version: str
@@ -111,7 +111,7 @@ class Tensor(BaseModel):
 
 
 class InferenceModel(BaseModel):
-    """What a model takes and gives."""
+    """A model with its inputs and outputs."""
 
     name: str = Field(examples=["hof1-k2"])
     platform: Literal["onnxruntime_onnx"]
@@ -120,30 +120,34 @@ class InferenceModel(BaseModel):
 
 
 class Inference(NamedTuple):
-    """A request and its images, (b, 3, size, size) float32 in [0, 1]."""
+    """A parsed request and its images, (b, 3, size, size) float32 in [0, 1]."""
 
     request: InferenceRequest
     images: Array
 
 
 def tensors(encoder: Encoder) -> tuple[dict[str, list[int]], dict[str, list[int]]]:
-    """Shapes of the inputs and of the outputs by name, without the batch's dimension; all are FP32."""
+    """Return the shapes of the inputs and of the outputs by name, without the batch dimension; all are FP32."""
     size = encoder.framing.size
     return {"image": [3, size, size]}, encoder.outputs
 
 
 def max_body_bytes(encoder: Encoder) -> int:
-    """Most bytes of a request: MAX_BATCH images as JSON, which is more than they take as bytes."""
+    """Return the maximum size of a request: MAX_BATCH images as JSON, which takes more bytes than binary."""
     return MAX_BATCH * 3 * encoder.framing.size**2 * JSON_NUMBER_BYTES + JSON_OVERHEAD_BYTES
 
 
 def parse(body: bytes, header_length: str | None, encoder: Encoder) -> Inference:
-    """A request's body, and where its JSON ends: None for a body that is JSON throughout.
+    """Parse the body of a request.
+
+    Parameters
+    ----------
+    header_length : value of HEADER_LENGTH, the length of the JSON; None if the whole body is JSON.
 
     Raises
     ------
-    InvalidInput : the body is no JSON, or shorter than its header says.
-    InvalidParameter : a member is missing, unknown or wrong, or the images are not as the encoder takes them.
+    InvalidInput : the body is not JSON, or shorter than `header_length`.
+    InvalidParameter : a member is missing, unknown or wrong, or the images do not fit the encoder.
     """
     length = len(body) if header_length is None else _length(header_length, len(body))
     try:
@@ -152,7 +156,7 @@ def parse(body: bytes, header_length: str | None, encoder: Encoder) -> Inference
         first = field_errors(error.errors())[0]
         raise InvalidParameter(f"{first.field or 'the body'}: {first.message}", field=first.field or None) from error
     except ValueError as error:
-        raise InvalidInput("the body is no JSON") from error
+        raise InvalidInput("the body is not JSON") from error
     for i, output in enumerate(request.outputs):
         if output.name not in encoder.outputs:
             field = f"outputs[{i}].name"
@@ -160,28 +164,28 @@ def parse(body: bytes, header_length: str | None, encoder: Encoder) -> Inference
     return Inference(request, _images(request.inputs[0], body[length:], encoder.framing.size))
 
 
-def answer(encoder: Encoder, request: InferenceRequest, found: Sequence[Functions]) -> tuple[bytes, dict[str, str]]:
-    """The body that answers a request with the functions of its images, and the body's headers."""
+def answer(encoder: Encoder, request: InferenceRequest, functions: Sequence[Functions]) -> tuple[bytes, dict[str, str]]:
+    """Return the body that answers a request with the functions of its images, and the body's headers."""
     outputs, binary = [], []
-    for asked in request.outputs or [Output(name=name) for name in encoder.outputs]:
-        array = _stacked(asked.name, found)
-        told: dict[str, Any] = {"name": asked.name, "datatype": "FP32", "shape": array.shape}
-        wanted = asked.parameters.binary_data
-        if request.parameters.binary_data_output if wanted is None else wanted:
+    for output in request.outputs or [Output(name=name) for name in encoder.outputs]:
+        array = _stacked(output.name, functions)
+        tensor: dict[str, Any] = {"name": output.name, "datatype": "FP32", "shape": array.shape}
+        is_binary = output.parameters.binary_data
+        if request.parameters.binary_data_output if is_binary is None else is_binary:
             binary.append(array.astype("<f4").tobytes())
-            told["parameters"] = {"binary_data_size": array.nbytes}
+            tensor["parameters"] = {"binary_data_size": array.nbytes}
         else:
-            told["data"] = array.ravel().tolist()
-        outputs.append(told)
-    whole = {"model_name": encoder.name, "outputs": outputs} | ({"id": request.id} if request.id is not None else {})
-    header = json.dumps(whole, separators=(",", ":")).encode()
+            tensor["data"] = array.ravel().tolist()
+        outputs.append(tensor)
+    content = {"model_name": encoder.name, "outputs": outputs} | ({"id": request.id} if request.id is not None else {})
+    header = json.dumps(content, separators=(",", ":")).encode()
     if not binary:
         return header, {"Content-Type": "application/json"}
     return b"".join((header, *binary)), {"Content-Type": "application/octet-stream", HEADER_LENGTH: str(len(header))}
 
 
 def request_schema() -> Mapping[str, Any]:
-    """The JSON schema of a request, in one piece."""
+    """Return the JSON schema of a request, with all references inlined."""
     schema = InferenceRequest.model_json_schema()
     definitions = schema.pop("$defs")
 
@@ -194,44 +198,44 @@ def request_schema() -> Mapping[str, Any]:
             part = definitions[part["$ref"].rpartition("/")[2]] | part
         return {key: inlined(value) for key, value in part.items() if key != "$ref"}
 
-    whole: Mapping[str, Any] = inlined(schema)
-    return whole
+    inlined_schema: Mapping[str, Any] = inlined(schema)
+    return inlined_schema
 
 
-def _length(told: str, most: int) -> int:
-    if not (told.isascii() and told.isdecimal() and len(told) < 20 and int(told) <= most):
-        raise InvalidInput(f"{HEADER_LENGTH}: it must be at most the body's {most} bytes", field=HEADER_LENGTH)
-    return int(told)
+def _length(text: str, limit: int) -> int:
+    if not (text.isascii() and text.isdecimal() and len(text) < 20 and int(text) <= limit):
+        raise InvalidInput(f"{HEADER_LENGTH}: it must be at most the body's {limit} bytes", field=HEADER_LENGTH)
+    return int(text)
 
 
-def _images(told: Input, binary: bytes, size: int) -> Array:
-    """The input's numbers in its shape. Raises InvalidParameter."""
-    batch, *rest = told.shape or [0]
+def _images(tensor: Input, binary: bytes, size: int) -> Array:
+    """Return the numbers of the input in its shape. Raises InvalidParameter."""
+    batch, *rest = tensor.shape or [0]
     if not 1 <= batch <= MAX_BATCH or rest != [3, size, size]:
         limit = f"[b, 3, {size}, {size}], b from 1 to {MAX_BATCH}"
         raise InvalidParameter(f"inputs[0].shape: it must be {limit}", field="inputs[0].shape")
-    binary_size = told.parameters.binary_data_size
-    if (told.data is None) == (binary_size is None):
+    binary_size = tensor.parameters.binary_data_size
+    if (tensor.data is None) == (binary_size is None):
         raise InvalidParameter("inputs[0]: it needs either data or parameters.binary_data_size", field="inputs[0].data")
-    if told.data is not None:
-        images = _from_json(told.data, told.shape)
-    elif binary_size == len(binary) == 4 * math.prod(told.shape):
-        images, binary = np.frombuffer(binary, "<f4").reshape(told.shape), b""
+    if tensor.data is not None:
+        images = _from_json(tensor.data, tensor.shape)
+    elif binary_size == len(binary) == 4 * math.prod(tensor.shape):
+        images, binary = np.frombuffer(binary, "<f4").reshape(tensor.shape), b""
     else:
         raise InvalidParameter(
-            f"inputs[0]: its shape has {4 * math.prod(told.shape)} bytes, binary_data_size says {binary_size}, "
-            f"{len(binary)} come behind the JSON",
+            f"inputs[0]: its shape has {4 * math.prod(tensor.shape)} bytes, binary_data_size says {binary_size}, "
+            f"{len(binary)} follow the JSON",
             field="inputs[0].parameters.binary_data_size",
         )
     if binary:
-        raise InvalidParameter(f"{len(binary)} bytes behind the JSON belong to no input", field="inputs[0].parameters")
+        raise InvalidParameter(f"{len(binary)} bytes after the JSON belong to no input", field="inputs[0].parameters")
     if not ((images >= 0) & (images <= 1)).all():  # NaN is neither
         raise InvalidParameter("inputs[0]: its numbers must be finite and lie in [0, 1]", field="inputs[0].data")
     return images.astype(np.float32, copy=False)
 
 
 def _from_json(data: list[Any], shape: list[int]) -> np.ndarray[Any, np.dtype[Any]]:
-    """A flat or nested list as an array of a shape. Raises InvalidParameter."""
+    """Return a flat or nested list as an array of a shape. Raises InvalidParameter."""
     try:
         numbers = np.asarray(data)
     except ValueError:  # ragged
@@ -242,8 +246,8 @@ def _from_json(data: list[Any], shape: list[int]) -> np.ndarray[Any, np.dtype[An
     return numbers.reshape(shape)
 
 
-def _stacked(name: str, found: Sequence[Functions]) -> Array:
-    """An output's rows, (b, its size)."""
+def _stacked(name: str, functions: Sequence[Functions]) -> Array:
+    """Return the rows of an output, (b, size of the output)."""
     if name == "theta":
-        return np.stack([functions.theta for functions in found])
-    return np.stack([functions.color.weights for functions in found if functions.color])
+        return np.stack([each.theta for each in functions])
+    return np.stack([each.color.weights for each in functions if each.color])

@@ -1,10 +1,10 @@
-"""API keys: who may call, and what.
+"""API keys: clients and their scopes.
 
-A key is a random token of 256 bits; the file keeps its SHA-256, which says nothing about it. Slow hashes are for
-what people make up: nobody tries 2^256 tokens, so that a fast one is as safe, and cheap at each request.
+A key is a random token of 256 bits, and the keys file stores only its SHA-256. A slow hash would add nothing: it
+protects guessable passwords, and nobody can try 2^256 tokens. A fast hash keeps each request cheap.
 
-The file has a line a key, `NAME SCOPES SHA256`, as `hof key` prints it, SCOPES separated by commas; lines that begin
-with # are comments. It is read once, at start.
+The file has one line for each key, `NAME SCOPES SHA256`, as `hof key` prints it, with SCOPES separated by commas.
+Lines that begin with # are comments. The file is read once, at start.
 """
 
 import hashlib
@@ -22,16 +22,16 @@ from service.errors import InvalidKeys
 Scope = Literal["read", "write", "metrics"]
 
 SCOPES: Final[tuple[Scope, ...]] = get_args(Scope)
-PREFIX: Final = "hof_"  # by which scanners of leaked secrets know them
+PREFIX: Final = "hof_"  # lets scanners for leaked secrets recognize a key
 NAME: Final = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
 
 @dataclass(frozen=True)
 class Key:
-    """What the file keeps of a key.
+    """An entry of the keys file.
 
     name : shown in the log.
-    sha256 : of the key, hexadecimal.
+    sha256 : digest of the token, hexadecimal.
     """
 
     name: str
@@ -40,55 +40,55 @@ class Key:
 
     @property
     def line(self) -> str:
-        """Its line of the file."""
+        """The line of the keys file."""
         return f"{self.name} {','.join(scope for scope in SCOPES if scope in self.scopes)} {self.sha256}"
 
 
 class Keys:
-    """The keys of a file."""
+    """All keys of a keys file."""
 
     def __init__(self, keys: list[Key]) -> None:
         self._keys = keys
 
     @classmethod
     def read(cls, path: Path) -> "Keys":
-        """The keys of a file.
+        """Read a keys file.
 
         Raises
         ------
-        InvalidKeys : it is missing, malformed or empty, or anyone may write to it.
+        InvalidKeys : the file is missing, malformed or empty, or anyone may write to it.
         """
         try:
             text = path.read_text("utf-8")
             if path.stat().st_mode & stat.S_IWOTH:
-                raise InvalidKeys(f"anyone may write to the keys file {path}, and so make keys: `chmod o-w {path}`")
+                raise InvalidKeys(f"anyone may write to the keys file {path} and add keys: run `chmod o-w {path}`")
         except OSError as error:
             raise InvalidKeys(f"cannot read the keys file {path}: {error.strerror}") from error
         except UnicodeDecodeError as error:
-            raise InvalidKeys(f"the keys file {path} is no text") from error
+            raise InvalidKeys(f"the keys file {path} is no text: UTF-8 is expected") from error
         keys = list(_parse(path, text))
         names = [key.name for key in keys]
         if len(set(names)) < len(names):
-            raise InvalidKeys(f"the keys file {path} names two keys alike")
+            raise InvalidKeys(f"the keys file {path} names two keys alike: each name may appear once")
         if not keys:
-            raise InvalidKeys(f"the keys file {path} has no key; `hof key NAME --scope read` makes one")
+            raise InvalidKeys(f"the keys file {path} has no key: make one with `hof key NAME --scope read`")
         return cls(keys)
 
     def __len__(self) -> int:
         return len(self._keys)
 
     def find(self, token: bytes) -> Key | None:
-        """The key that a client shows. Takes as long whichever it is, and whether it is any."""
+        """Return the key of a token; None for an unknown token. Takes the same time for every token."""
         digest = hashlib.sha256(token).hexdigest()
-        found = None
+        match = None
         for key in self._keys:
             if hmac.compare_digest(key.sha256, digest):
-                found = key
-        return found
+                match = key
+        return match
 
 
 def make_key(name: str, scopes: frozenset[str]) -> tuple[str, Key]:
-    """A new key: the token, which is kept nowhere, and what the file keeps. Raises InvalidKeys for a faulty name."""
+    """Make a key: the token, which is stored nowhere, and its entry for the file. Raises InvalidKeys for a bad name."""
     if not NAME.fullmatch(name):
         raise InvalidKeys(f"a key's name has 1 to 64 letters, digits, dots, dashes or underscores, not {name!r}")
     token = PREFIX + secrets.token_urlsafe(32)
@@ -104,8 +104,8 @@ def _parse(path: Path, text: str) -> Iterator[Key]:
                 NAME.fullmatch(name) and set(scopes.split(",")) <= set(SCOPES) and re.fullmatch("[0-9a-f]{64}", sha256)
             ):
                 yield Key(name, frozenset(scopes.split(",")), sha256)
-            case _:  # not quoted: it may hold a key that was pasted there
+            case _:  # the line is not shown: a token may have been pasted there
                 raise InvalidKeys(
-                    f"line {number} of the keys file {path} is malformed: NAME SCOPES SHA256 is expected, of the "
-                    f"scopes {', '.join(SCOPES)}"
+                    f"line {number} of the keys file {path} is malformed: NAME SCOPES SHA256 is expected, with scopes "
+                    f"from {', '.join(SCOPES)}"
                 )

@@ -1,4 +1,4 @@
-"""The API's schema, as it is served and as it is committed: openapi.json."""
+"""OpenAPI schema of the service, as it is served and as it is committed: openapi.json."""
 
 import json
 from typing import Any, Final
@@ -8,18 +8,18 @@ from fastapi import FastAPI
 from service.api.responses import RETRY_AFTER
 
 SECURITY_SCHEMES: Final = {
-    "bearer": {"type": "http", "scheme": "bearer", "description": "An API key, where the service has any"},
-    "header": {"type": "apiKey", "in": "header", "name": "X-API-Key", "description": "The same"},
+    "bearer": {"type": "http", "scheme": "bearer", "description": "An API key, if the service has a keys file"},
+    "header": {"type": "apiKey", "in": "header", "name": "X-API-Key", "description": "The same API key"},
 }
 REFUSALS: Final = {
-    "401": "The service has API keys, and the request none that is known",
-    "403": "The key lacks the scope: `read` for GET and HEAD, else `write`; for /metrics `metrics`",
-    "429": "Too many requests; `Retry-After` tells when there may be another",
+    "401": "The service has API keys, and the request has no valid one",
+    "403": "The key lacks the scope: `read` for GET and HEAD, `metrics` for /metrics, otherwise `write`",
+    "429": "Too many requests; `Retry-After` says when to try again",
 }
 
 
 def openapi_text(app: FastAPI) -> str:
-    """The schema of all calls, two spaces an indent, a newline at its end."""
+    """Return the schema of all calls as JSON, indented by two spaces, with a newline at its end."""
     schema = app.openapi()
     schema["components"]["securitySchemes"] = SECURITY_SCHEMES
     for path, operations in schema["paths"].items():
@@ -33,16 +33,16 @@ def openapi_text(app: FastAPI) -> str:
 
 
 def _add_refusals(operation: dict[str, Any]) -> None:
-    """Add the refusals of `service.api.middleware.access`, and the credentials it takes, if any."""
+    """Add the refusals of `service.api.middleware.access` and the optional credentials."""
     operation["security"] = [{}, *({name: []} for name in SECURITY_SCHEMES)]
     content = {"application/problem+json": {"schema": {"$ref": "#/components/schemas/Problem"}}}
     for status, description in REFUSALS.items():
-        told = {"description": description, "content": content}
-        operation["responses"].setdefault(status, told | ({"headers": RETRY_AFTER} if status == "429" else {}))
+        headers = {"headers": RETRY_AFTER} if status == "429" else {}
+        operation["responses"].setdefault(status, {"description": description, "content": content, **headers})
 
 
 def _name_problems(responses: dict[str, Any]) -> None:
-    """FastAPI files every model under application/json; ours of 4xx and 5xx are problem+json."""
+    """Move the models of 4xx and 5xx, which FastAPI lists under application/json, to application/problem+json."""
     for status, response in responses.items():
         content = response.get("content", {})
         if status >= "400" and "application/json" in content:
@@ -50,7 +50,7 @@ def _name_problems(responses: dict[str, Any]) -> None:
 
 
 def _without_null(schema: dict[str, Any]) -> dict[str, Any]:
-    """A parameter is left out, never null: FastAPI writes Python's None as one more type."""
+    """Return a parameter's schema without the type null, which FastAPI adds for None: parameters are never null."""
     types = [option for option in schema.get("anyOf", []) if option != {"type": "null"}]
     rest = {key: value for key, value in schema.items() if key != "anyOf"}
     return {**types[0], **rest} if len(types) == 1 else schema

@@ -16,6 +16,7 @@ from starlette.routing import compile_path
 
 from service.api.responses import FieldError, Problem
 from service.errors import HofError, InvalidParameter, TryLater
+from service.runtime.admission import ClientLeft
 
 logger: Final = logging.getLogger("hof")
 
@@ -23,7 +24,7 @@ MEDIA_TYPE: Final = "application/problem+json"
 HEADERS: Final = {
     408: {"Connection": "close"},
     413: {"Connection": "close"},  # the rest of the body is unread: the connection cannot be used again
-    500: {"Connection": "close"},  # the server logs the fault, and closes
+    500: {"Connection": "close"},  # the server logs the fault and closes
 }
 INTERNAL_DETAIL: Final = "the service failed to answer this request; the fault is in its log"
 
@@ -34,11 +35,12 @@ def install(app: FastAPI) -> None:
     app.exception_handler(RequestValidationError)(_validation)
     app.exception_handler(HTTPException)(_http)
     app.exception_handler(ClientDisconnect)(_disconnected)
+    app.exception_handler(ClientLeft)(_disconnected)
     app.exception_handler(Exception)(_unexpected)
 
 
 def field_errors(errors: Sequence[Mapping[str, Any]]) -> list[FieldError]:
-    """Pydantic's errors as (field, message) pairs; unlike pydantic's they never echo the input."""
+    """Return pydantic's errors as (field, message) pairs. Unlike pydantic's own, they never repeat the input."""
     return [
         FieldError(
             field=_path([part for part in error["loc"] if part not in ("query", "path", "body")])[:64],
@@ -49,18 +51,18 @@ def field_errors(errors: Sequence[Mapping[str, Any]]) -> list[FieldError]:
 
 
 def _path(parts: Sequence[str | int]) -> str:
-    """Where in a request, as one writes it: n, objects[1]."""
+    """Return the place in a request as people write it: n, objects[1]."""
     return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in parts).removeprefix(".")
 
 
 def respond(error: HofError) -> Response:
-    """An error of ours as its answer."""
+    """Return the answer for one of our errors."""
     body = _body(error.title, error.status, error.detail, error.field)
     headers = {"Retry-After": str(error.retry_after_s)} if isinstance(error, TryLater) else HEADERS.get(error.status)
     return Response(body, error.status, headers, MEDIA_TYPE)
 
 
-@lru_cache(maxsize=16)  # a service that sheds load says the same a thousand times
+@lru_cache(maxsize=16)  # a service that sheds load repeats the same body thousands of times
 def _body(title: str, status: int, detail: str, field: str | None) -> bytes:
     errors = [FieldError(field=field, message=detail)] if field else None
     return _json(Problem(type=_type(title), title=title, status=status, detail=detail, errors=errors))
@@ -95,7 +97,7 @@ async def _validation(request: Request, error: RequestValidationError) -> Respon
 
 
 async def _http(request: Request, error: HTTPException) -> Response:
-    """Starlette's own: no such route, wrong method."""
+    """Answer Starlette's own errors: no such route, wrong method."""
     title = HTTPStatus(error.status_code).phrase
     problem = Problem(type="about:blank", title=title, status=error.status_code, detail=error.detail)
     if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED and (allowed := _allowed(request)):
@@ -104,7 +106,7 @@ async def _http(request: Request, error: HTTPException) -> Response:
 
 
 def _allowed(request: Request) -> list[str]:
-    """Methods of a path: Starlette knows those of the first route that matches, the schema all."""
+    """Return all methods of a path, from the schema: Starlette knows only those of the first route that matches."""
     methods = {
         method.upper()
         for path, operations in request.app.openapi()["paths"].items()
@@ -115,12 +117,12 @@ def _allowed(request: Request) -> list[str]:
 
 
 async def _disconnected(request: Request, error: Exception) -> Response:
-    """The client left while it sent: nobody reads this, but it is no fault of ours."""
+    """Answer a client that left while it sent: nobody reads this, but it must not count as a fault."""
     return _respond(Problem(type="about:blank", title="Bad Request", status=400, detail="the body broke off"))
 
 
 async def _unexpected(request: Request, error: Exception) -> Response:
-    """Anything else: Starlette raises it again afterwards, so that the server logs it."""
+    """Answer any other exception. Starlette raises it again afterwards, so that the server logs it."""
     title = HTTPStatus.INTERNAL_SERVER_ERROR.phrase
     problem = Problem(type="about:blank", title=title, status=500, detail=INTERNAL_DETAIL)
     return _respond(problem, HEADERS[500])

@@ -1,4 +1,4 @@
-"""What goes out over the wire: the JSON of every answer."""
+"""JSON of every answer, and the parts of its OpenAPI description that several routes share."""
 
 import base64
 from dataclasses import asdict
@@ -15,27 +15,29 @@ from service.encoding.framing import Framed, Mask
 from service.mapping.spec import CACHED_SPECS, Activation, Array, Domain, Functions, MappingSpec
 from service.storage.store import Kind, Record
 
+Responses = dict[int | str, dict[str, Any]]  # of a route, by status, as FastAPI takes them
+
 
 class Spec(BaseModel):
-    """The shape of a function: the mapping function, whose weights are theta, or what colours its points."""
+    """The shape of a function: the mapping function, whose weights are theta, or the color function of its points."""
 
     name: str = Field(examples=["HOF-1"])
     input_dim: int = Field(description="dimensions of the canonical domain", examples=[3])
     hidden: list[int] = Field(description="widths of the hidden layers, first to last", examples=[[1024]])
     output_dim: int = Field(examples=[3])
     activation: Activation
-    k: int = Field(description="how often f is applied: the object is f^k of the canonical points", examples=[2])
-    domain: Domain = Field(description="canonical set, sampled uniformly; radius 1, or [-1, 1]^3")
+    k: int = Field(description="number of times f is applied: the object is f^k of the canonical points", examples=[2])
+    domain: Domain = Field(description="canonical domain, sampled uniformly: radius 1, or [-1, 1]^3")
 
     @classmethod
     @lru_cache(CACHED_SPECS)
     def of(cls, spec: MappingSpec) -> "Spec":
-        """The spec as it is shown."""
+        """Return the JSON form of a spec."""
         return cls(**asdict(spec))
 
 
 class Links(BaseModel):
-    """Where the object and what it gives are, relative to the service."""
+    """Paths of the object and of its files, relative to the service."""
 
     self_: str = Field(alias="self", examples=["/objects/2f7f3b52a9a1c0de9b1d1c4d5e6f7a8b"])
     points: str = Field(examples=["/objects/2f7f3b52a9a1c0de9b1d1c4d5e6f7a8b/points"])
@@ -48,7 +50,7 @@ ColorSpec = Annotated[
     Field(
         default=None,
         exclude_if=lambda value: value is None,
-        description="of an object in colour: the shape of the function from canonical points to red, green, blue",
+        description="of an object in color: the shape of the function from canonical points to red, green, blue",
     ),
 ]
 
@@ -72,16 +74,17 @@ class StoredObject(BaseModel):
     parents: list[str] | SkipJsonSchema[None] = Field(
         default=None,
         exclude_if=lambda value: value is None,
-        description="of an interpolated object: the ids of those whose thetas it averages; they may be deleted since",
+        description="of an interpolated object: the ids of the objects whose thetas it averages, even if deleted since",
     )
     bytes: int = Field(
-        description="size of theta, 4 bytes a number; of a composed object of its k thetas", examples=[28684]
+        description="size of theta, 4 bytes for each number; of a composed object, of its k thetas",
+        examples=[28684],
     )
     links: Links
 
     @classmethod
     def of(cls, record: Record) -> "StoredObject":
-        """The record as it is shown."""
+        """Return the JSON form of a record."""
         return cls(**_object_fields(record))
 
 
@@ -92,25 +95,25 @@ class ComposedObjects(BaseModel):
 
 
 class ImageReport(BaseModel):
-    """How the image was understood."""
+    """How the object was separated from the image's background."""
 
     mask: Mask = Field(
-        description="what told the object from its background: transparency, a uniform border, matting or nothing"
+        description="method that removed the background: transparency, a uniform border, matting or none"
     )
     box: tuple[int, int, int, int] = Field(
         description="left, top, right, bottom of the object, pixels of the upright image", examples=[[40, 12, 480, 502]]
     )
     confidence: Annotated[float, Field(ge=0, le=1)] | SkipJsonSchema[None] = Field(
         default=None,
-        description="of the mask: its mean, weighted by itself; 1 where every pixel is either object or background. "
-        "Absent where the mask is `none`",
+        description="confidence of the mask: its mean, weighted by itself; 1 if every pixel is either object or "
+        "background. Absent if the mask is `none`",
     )
     width: int = Field(description="of the upright image, pixels")
     height: int = Field(description="of the upright image, pixels")
 
     @classmethod
     def of(cls, framed: Framed) -> "ImageReport":
-        """The report of a framed image."""
+        """Return the report of a framed image."""
         confidence = None if framed.confidence is None else round(framed.confidence, 3)
         return cls(mask=framed.mask, box=framed.box, confidence=confidence, width=framed.width, height=framed.height)
 
@@ -118,12 +121,12 @@ class ImageReport(BaseModel):
 Weights64 = Annotated[str, Field(description="theta: base64 of its float32 numbers, little-endian")]
 ColorWeights64 = Annotated[
     str | SkipJsonSchema[None],
-    Field(default=None, description="the colour's weights, where there is one: as those of theta"),
+    Field(default=None, description="the color's weights, if the object has color: encoded like those of theta"),
 ]
 
 
 class EncodedObject(StoredObject):
-    """An object, how its image was understood, and its weights where asked for."""
+    """An object, the report on its image, and its weights if `include=weights`."""
 
     image: ImageReport
     weights: Weights64 | SkipJsonSchema[None] = None
@@ -131,13 +134,13 @@ class EncodedObject(StoredObject):
 
     @classmethod
     def of_image(cls, record: Record, framed: Framed, functions: Functions | None) -> "EncodedObject":
-        """The record as it is shown to who sent the image."""
+        """Return the JSON form of a record, for the client that sent its image."""
         weights = _weights_fields(functions) if functions else {}
         return cls(**_object_fields(record), image=ImageReport.of(framed), **weights)
 
 
 class EncodedWeights(BaseModel):
-    """The answer where nothing is kept: theta itself."""
+    """The answer to `store=false`: theta itself; nothing is kept."""
 
     model: str = Field(examples=["hof1-k2"])
     spec: Spec
@@ -149,7 +152,7 @@ class EncodedWeights(BaseModel):
 
     @classmethod
     def of(cls, model: str, spec: MappingSpec, functions: Functions, framed: Framed) -> "EncodedWeights":
-        """The functions as they are shown."""
+        """Return the JSON form of functions that are not kept."""
         return cls(
             model=model,
             spec=Spec.of(spec),
@@ -161,7 +164,7 @@ class EncodedWeights(BaseModel):
 
 
 class ObjectPage(BaseModel):
-    """A part of the list of objects, newest first."""
+    """A page of the list of objects, newest first."""
 
     items: list[StoredObject]
     next: str | None = Field(description="cursor of the next page; null on the last")
@@ -169,7 +172,7 @@ class ObjectPage(BaseModel):
 
 
 class ModelFraming(BaseModel):
-    """How the model wants its images."""
+    """How the model frames its images."""
 
     size: int = Field(description="side of the encoder's input, pixels", examples=[64])
     foreground_ratio: float = Field(examples=[0.85])
@@ -183,11 +186,11 @@ class Model(BaseModel):
     spec: Spec
     color: ColorSpec = None
     framing: ModelFraming
-    card: dict[str, Any] = Field(description="the model card as the file carries it: data, licence, figures, limits")
+    card: dict[str, Any] = Field(description="the model card as the file carries it: data, license, figures, limits")
 
     @classmethod
     def of(cls, encoder: Encoder) -> "Model":
-        """The encoder as it is shown."""
+        """Return the JSON form of an encoder."""
         return cls(
             name=encoder.name,
             digest=encoder.digest,
@@ -201,40 +204,50 @@ class Model(BaseModel):
 class ModelList(BaseModel):
     """The loaded models."""
 
-    models: list[Model] = Field(description="the first is taken where a call names none")
+    models: list[Model] = Field(description="the first is the default of calls that name no model")
 
 
 class Health(BaseModel):
-    """The answer of a probe."""
+    """The answer to a probe."""
 
     status: Literal["live", "ready"]
 
 
 class FieldError(BaseModel):
-    """What is wrong with one parameter."""
+    """An error in one parameter."""
 
     field: str = Field(examples=["n"])
     message: str = Field(examples=["Input should be less than or equal to 10000000"])
 
 
 class Problem(BaseModel):
-    """What went wrong, after RFC 9457."""
+    """An error, after RFC 9457."""
 
     type: str = Field(examples=["urn:hof:problem:invalid-parameter"])
     title: str = Field(examples=["Invalid parameter"])
     status: int = Field(examples=[422])
     detail: str = Field(examples=["n: Input should be less than or equal to 10000000"])
-    errors: list[FieldError] | SkipJsonSchema[None] = Field(default=None, description="one entry a faulty parameter")
+    errors: list[FieldError] | SkipJsonSchema[None] = Field(
+        default=None, description="one entry for each faulty parameter"
+    )
 
-    @computed_field(description="`detail` once more, where clients of the Open Inference Protocol look for it")
+    @computed_field(description="`detail` again, where clients of the Open Inference Protocol look for it")
     def error(self) -> str:  # noqa: D102
         return self.detail
 
 
-RETRY_AFTER: Final = {"Retry-After": {"description": "when to try again, seconds", "schema": {"type": "integer"}}}
+BINARY: Final = {"schema": {"type": "string", "format": "binary"}}
+RETRY_AFTER: Final = {"Retry-After": {"description": "seconds to wait before a retry", "schema": {"type": "integer"}}}
+OBJECT_LOCATION: Final = {"Location": {"description": "path of the object", "schema": {"type": "string"}}}
+OBJECT_NOT_FOUND: Final[Responses] = {404: {"model": Problem, "description": "No object of that id"}}
+BODY_STALLED: Final[dict[str, Any]] = {"model": Problem, "description": "The body arrives too slowly"}
+NO_SPACE: Final[dict[str, Any]] = {
+    "model": Problem,
+    "description": "The store has no space left; the object is not kept",
+}
 OVERLOADED: Final[dict[str, Any]] = {
     "model": Problem,
-    "description": "The service has as much work as it lets in",
+    "description": "The service works at its limit, or the client has used up its rate limit",
     "headers": RETRY_AFTER,
 }
 
@@ -257,7 +270,7 @@ def _object_fields(record: Record) -> dict[str, Any]:
 
 
 def _weights_fields(functions: Functions) -> dict[str, Any]:
-    """Numbers as base64 of float32, little-endian."""
+    """Return the numbers of functions as base64 of float32, little-endian."""
     arrays = {"weights": functions.theta} | ({"color_weights": functions.color.weights} if functions.color else {})
     return {name: _base64(array) for name, array in arrays.items()}
 

@@ -23,7 +23,7 @@ from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
 from service.mapping.sampler import Sampler
 from service.mapping.spec import Array, Functions, MappingSpec, joined
 from service.options import EncodeOptions, MeshOptions, PointOptions
-from service.runtime.composition import Member, check
+from service.runtime.composition import Member, check_members
 from service.runtime.cost import check_size
 from service.runtime.shapes import cloud_of, functions_for, mesh_of
 from service.settings import POINTS_CEILING, Settings
@@ -81,7 +81,7 @@ def compose(arguments: argparse.Namespace) -> None:
     word = [_load(path) for path in arguments.weights]
     kinds = ((each.spec, bool(each.word), each.color.spec if each.color else None) for each in word)
     members = [Member(str(path), *kind) for path, kind in zip(arguments.weights, kinds, strict=True)]
-    check(members, "all" if as_picture else "compose")
+    check_members(members, "all" if as_picture else "compose")
     if as_picture:
         _write_sheet(arguments, word[0].spec, [each.theta for each in word])
     else:

@@ -1,4 +1,4 @@
-"""How much work is let in. What exceeds a bound is refused at once, with 429, rather than kept waiting."""
+"""Gates: bounds on the work that the service accepts. Work over a bound is refused at once with 429, not queued."""
 
 import asyncio
 import math
@@ -8,52 +8,55 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Final
 
-from starlette.requests import ClientDisconnect
-
 from service.errors import HofError, Overloaded
 from service.settings import Settings
 
-RECENT: Final = 0.05  # what the last request to leave weighs in the pace
-LONGEST_RETRY_S: Final = 60
+PACE_WEIGHT: Final = 0.05  # of the latest completion, in the moving average of the pace
+MAX_RETRY_S: Final = 60
+
+
+class ClientLeft(Exception):
+    """The client disconnected: nobody waits for this work any more."""
 
 
 class Gate:
-    """Lets in work of one kind as long as all that is in stays within a limit; into an empty one any work fits.
+    """Admit work of one kind as long as all admitted work stays within a limit; an empty gate admits any amount.
 
     For one event loop, not for several threads.
 
     Attributes
     ----------
-    held : how much is in, in the kind's unit.
-    finished, cancelled, failed : how many requests left answered, with their client gone, or by our fault.
-    refused : how many were not let in.
+    held : amount of work inside, in the unit of the gate.
+    finished, cancelled, failed : number of requests that were answered, whose client left, or that failed by our
+        fault.
+    refused : number of requests that were refused.
     """
 
     def __init__(self, unit: str, limit: int) -> None:
         self._unit = unit
         self._limit = limit
         self._last_left = 0.0  # time.monotonic()
-        self._pace_s = 0.0  # between two units that leave while there is work: the mean of recent ones
+        self._pace_s = 0.0  # seconds for each unit of work while the gate is busy: a moving average
         self.held = 0
         self.finished = self.cancelled = self.failed = self.refused = 0
 
-    def check(self, amount: int = 1) -> None:
-        """Raises Overloaded where so much work would not be let in now."""
+    def refuse_if_full(self, amount: int = 1) -> None:
+        """Raise Overloaded if this amount of work would not be admitted now."""
         if self.held and self.held + amount > self._limit:
             self.refused += 1
             detail = f"the service works on its limit of {self._limit} {self._unit}"
-            raise Overloaded(detail, retry_after_s=self._retry_after_s())
+            raise Overloaded(detail, retry_after_s=self._drain_s())
 
     @contextmanager
     def admit(self, amount: int = 1) -> Iterator[None]:
-        """Hold so much work, 1 or more, until the block ends. Raises Overloaded."""
-        self.check(amount)
+        """Hold an amount of work, at least 1, until the block ends. Raises Overloaded."""
+        self.refuse_if_full(amount)
         if not self.held:
             self._last_left = time.monotonic()
         self.held += amount
         try:
             yield
-        except (asyncio.CancelledError, ClientDisconnect):
+        except (asyncio.CancelledError, ClientLeft):
             self.cancelled += 1
             raise
         except Exception as error:
@@ -65,25 +68,26 @@ class Gate:
         else:
             self.finished += 1
         finally:
-            self._leave(amount)
+            self._release(amount)
 
-    def _leave(self, amount: int) -> None:
+    def _release(self, amount: int) -> None:
         now = time.monotonic()
-        self._pace_s += RECENT * ((now - self._last_left) / amount - self._pace_s)
+        self._pace_s += PACE_WEIGHT * ((now - self._last_left) / amount - self._pace_s)
         self._last_left = now
         self.held -= amount
 
-    def _retry_after_s(self) -> int:
-        """When all that is in will have left, at the pace of late."""
-        return min(max(1, math.ceil(self.held * self._pace_s)), LONGEST_RETRY_S)
+    def _drain_s(self) -> int:
+        """Estimate seconds until current work drains, from the recent completion rate."""
+        return min(max(1, math.ceil(self.held * self._pace_s)), MAX_RETRY_S)
 
 
 @dataclass(frozen=True)
 class Gates:
-    """The bounds of a service.
+    """The gates of a service.
 
-    images : photos that are being sent, wait, or are encoded.
-    points : points being computed or sent; a stream counts for no more than it has at a time.
+    images : images being received, queued or encoded.
+    points : points being computed or sent, weighted by the size of their function; a stream counts its in-flight
+        points only.
     uploads : bytes of request bodies.
     """
 
@@ -93,7 +97,7 @@ class Gates:
 
     @classmethod
     def of(cls, settings: Settings) -> "Gates":
-        """As the settings have it."""
+        """Return empty gates with the limits of the settings."""
         return cls(
             Gate("images at a time", settings.max_queued_images),
             Gate("points at a time", settings.max_points_in_flight),

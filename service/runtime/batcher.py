@@ -1,8 +1,8 @@
-"""Images that wait at the same time share one call of the encoder.
+"""Batching: images that wait at the same time share one call of the encoder.
 
-Nothing waits for others to come: a call takes what there is when a worker thread begins it, and what comes meanwhile
-is the next call's. There is no loop that could die: whoever adds an image starts a call unless one is on its way, and
-a call that ends starts the next.
+No image waits for others to arrive: a call takes all images that wait when a worker thread begins it, and images that
+arrive meanwhile go into the next call. There is no loop that could die: adding an image starts a call unless one is
+on its way, and a call that ends starts the next.
 """
 
 import asyncio
@@ -15,26 +15,26 @@ import numpy as np
 
 from service.mapping.spec import Array, Functions
 
-MAX_BATCH: Final = 8  # images of a call; benchmarks/LOAD.md has the gain by size
+MAX_BATCH: Final = 8  # images in one call; benchmarks/LOAD.md has the gain by size
 
-Waiting = tuple[Array, "asyncio.Future[Functions]"]  # an image, and where its functions go
+Waiting = tuple[Array, "asyncio.Future[Functions]"]  # an image and the future for its functions
 Outcome = Functions | Exception
 Run = Callable[[Callable[[], list[Outcome]]], Awaitable[list[Outcome]]]
 
 
 class Batcher:
-    """The encoder for many at once; one call at a time, which has all of its threads.
+    """An encoder shared by concurrent requests; one call at a time, which has all of the encoder's threads.
 
     Parameters
     ----------
-    encode : (b, 3, size, size) -> the functions of each, as `Encoder.encode`.
+    encode : (b, 3, size, size) -> the functions of each image, as `Encoder.encode`.
     run : calls a function on a worker thread.
 
     Attributes
     ----------
-    images, calls : how many images were encoded or failed to be, and in how many calls; a client that left before
-        its turn is in neither.
-    answered_at : when a call last gave a result, `time.monotonic()`.
+    images, calls : number of images that were encoded or failed, and of calls for them; an image whose client left
+        before its turn counts in neither.
+    answered_at : time of the last successful call, `time.monotonic()`.
     """
 
     def __init__(self, encode: Callable[[Array], Iterable[Functions]], run: Run) -> None:
@@ -46,9 +46,9 @@ class Batcher:
         self.answered_at = time.monotonic()
 
     async def encode(self, image: Array) -> Functions:
-        """The functions of one image, (1, 3, size, size). Raises as `encode` does for this image alone.
+        """Return the functions of one image, (1, 3, size, size). Raises as the encoder does for this image alone.
 
-        Cancelled before a call has taken it, the image is never encoded.
+        If canceled before a call takes the image, the image is never encoded.
         """
         future: asyncio.Future[Functions] = asyncio.get_running_loop().create_future()
         self._waiting.append((image, future))
@@ -63,10 +63,10 @@ class Batcher:
         batch: list[Waiting] = []
         try:
             outcomes = await self._run(lambda: self._take_and_encode(batch))
-        except BaseException as error:  # the service ends: no worker takes it, or this task is cancelled
-            left = [*batch, *self._waiting]
+        except BaseException as error:  # the service stops: the executor refuses the call, or this task is canceled
+            unanswered = [*batch, *self._waiting]
             self._waiting.clear()
-            _settle(left, [error] * len(left))
+            _settle(unanswered, [error] * len(unanswered))
             if not isinstance(error, Exception):
                 raise
         else:
@@ -76,8 +76,10 @@ class Batcher:
             self._start()
 
     def _take_and_encode(self, batch: list[Waiting]) -> list[Outcome]:
-        """On a worker thread: move up to MAX_BATCH of the waiting into the batch, but for those whose client left,
-        and encode them."""
+        """Move up to MAX_BATCH waiting images into the batch and encode them, without those whose client left.
+
+        Runs on a worker thread.
+        """
         while self._waiting and len(batch) < MAX_BATCH:
             waiting = self._waiting.popleft()
             if not waiting[1].done():
@@ -86,21 +88,21 @@ class Batcher:
         return self._outcomes([image for image, _ in batch])
 
     def _outcomes(self, images: list[Array]) -> list[Outcome]:
-        """Each image's functions, or what went wrong with it: where a call fails, each is encoded alone."""
+        """Return the functions or the error of each image; if a call for several fails, encode each image alone."""
         if not images:
             return []
         self.calls += 1
         try:
-            found = self._encode(np.concatenate(images))
-            outcomes: list[Outcome] = [functions for _, functions in zip(images, found, strict=True)]
-        except Exception as error:  # whatever it is, it is told to who asked
+            encoded = self._encode(np.concatenate(images))
+            outcomes: list[Outcome] = [functions for _, functions in zip(images, encoded, strict=True)]
+        except Exception as error:  # any error goes to the request of the image
             return [error] if len(images) == 1 else [self._outcomes([image])[0] for image in images]
         self.answered_at = time.monotonic()
         return outcomes
 
 
 def _settle(batch: Iterable[Waiting], outcomes: Iterable[Functions | BaseException]) -> None:
-    """Tell each its outcome, but for those whose client left."""
+    """Set the outcome of each future, except for those whose client left."""
     for (_, future), outcome in zip(batch, outcomes, strict=True):
         if future.done():
             continue

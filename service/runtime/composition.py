@@ -1,4 +1,4 @@
-"""New objects made of stored ones: words of functions (paper, section 3.3 and eq. 5), and means of thetas.
+"""Composition: new objects from stored ones, as words of functions (paper, section 3.3 and eq. 5) or means of thetas.
 
 A word of a k-mapping names k objects of one spec. ``("A", "B")`` is f_A(f_B(x)): the last one is applied first.
 """
@@ -20,16 +20,16 @@ from service.storage.store import Record
 
 Mode = Literal["compose", "interpolate", "all"]
 
-MAX_WORDS: Final = 256  # of one call: k = 8
+MAX_WORDS: Final = 256  # words made by one call: k = 8
 
 
 @dataclass(frozen=True)
 class Member:
-    """One object of a word, or one that is averaged.
+    """One object of a word, or one of the objects that are averaged.
 
-    name : what its user knows it by: its place in the request, or its file.
-    is_composed : it is a word itself.
-    color_spec : None where it has no colour.
+    name : for error messages: its place in the request, or its file.
+    is_composed : whether it is a word itself.
+    color_spec : None if it has no color.
     """
 
     name: str
@@ -40,10 +40,10 @@ class Member:
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
-    """An object that is not kept yet.
+    """An object that is not stored yet.
 
     own : its functions; None for a composed object.
-    word : those of a composed object's word, in order; joined only when they are asked for, since `all` makes many.
+    word : the functions of a composed object's word, in order; joined only on access, since `all` makes many words.
     """
 
     record: Record
@@ -52,58 +52,63 @@ class Proposal:
 
     @property
     def functions(self) -> Functions:
-        """Its own, or those of its word."""
+        """The functions of the object: its own, or those of its word."""
         return self.own or joined(self.word)
 
 
-def check(members: Sequence[Member], mode: Mode) -> None:
-    """Refuse what makes no function, with InvalidParameter, which names the member at fault where one is."""
+def check_members(members: Sequence[Member], mode: Mode) -> None:
+    """Raise InvalidParameter if the members make no function; it names the member at fault, if there is one."""
     for member in members:
         if member.is_composed:
             raise InvalidParameter(f"{member.name} is composed: name the objects of its word", field=member.name)
         _check_equal(member.name, member.spec, members[0].name, members[0].spec, "")
     colored = [(member.name, member.color_spec) for member in members if member.color_spec]
     for name, color_spec in colored:
-        _check_equal(name, color_spec, *colored[0], "colour's ")
+        _check_equal(name, color_spec, *colored[0], "color's ")
     k, count = members[0].spec.k, len(members)
     if mode == "interpolate":
         if count < 2:
-            raise InvalidParameter("to interpolate takes two objects or more", field="objects")
+            raise InvalidParameter(f"interpolate needs two objects or more, not {count}", field="objects")
         return
     if k < 2:
-        raise InvalidParameter("only functions with k of 2 or more are composed, here k is 1", field="objects")
+        raise InvalidParameter(f"composing needs functions with k of 2 or more, here k is {k}", field="objects")
     if mode == "compose" and count != k:
         raise InvalidParameter(f"a word needs k = {k} objects, not {count}", field="objects")
     if mode == "all" and count != 2:
         raise InvalidParameter(f"all words are those of two objects, not {count}", field="objects")
     if mode == "all" and 2**k > MAX_WORDS:
-        raise InvalidParameter(f"all would make 2^{k} words, at most {MAX_WORDS}", field="mode")
+        raise InvalidParameter(f"all would make 2^{k} words, at most {MAX_WORDS} are allowed", field="mode")
 
 
-def check_stored(records: Sequence[Record], mode: Mode) -> None:
-    """As `check`, of stored objects in the order of the request; two objects of `all` may not be one."""
+def check_records(records: Sequence[Record], mode: Mode) -> None:
+    """Raise InvalidParameter if stored objects, in the order of the request, make no function: see `check_members`.
+
+    The two objects of `all` must differ.
+    """
     kinds = ((record.spec, record.kind == "composed", record.color_spec) for record in records)
-    check([Member(f"objects[{index}]", *kind) for index, kind in enumerate(kinds)], mode)
+    check_members([Member(f"objects[{index}]", *kind) for index, kind in enumerate(kinds)], mode)
     if mode == "all" and records[0].id == records[1].id:
-        raise InvalidParameter("objects[1] is objects[0]: all words are those of two objects", field="objects[1]")
+        raise InvalidParameter(
+            "objects[1] is objects[0]: all words are those of two different objects", field="objects[1]"
+        )
 
 
-def propose(found: Sequence[tuple[Record, Functions]], mode: Mode) -> list[Proposal]:
-    """The objects that a request for stored objects asks for; `all` orders them AA, AB, BA, BB.
+def propose(members: Sequence[tuple[Record, Functions]], mode: Mode) -> list[Proposal]:
+    """Return the objects that a request makes of stored ones; `all` orders them AA, AB, BA, BB.
 
     Parameters
     ----------
-    found : the objects as named, each with its functions; `check_stored` has seen them.
+    members : the stored objects, in the order of the request, with their functions; checked by `check_records`.
     """
     if mode == "interpolate":
-        return [_interpolated(found)]
+        return [_interpolated(members)]
     if mode == "compose":
-        return [_composed(found)]
-    return [_composed(word) for word in itertools.product(found, repeat=found[0][0].spec.k)]
+        return [_composed(members)]
+    return [_composed(word) for word in itertools.product(members, repeat=members[0][0].spec.k)]
 
 
-def check_values(proposals: Sequence[Proposal]) -> None:
-    """Refuse objects whose points exceed float32, with InvalidParameter: each function may be sound, the word not."""
+def check_proposals(proposals: Sequence[Proposal]) -> None:
+    """Raise InvalidParameter if points of an object exceed float32. A word may, even if its functions do not."""
     for proposal in proposals:
         try:
             check_finite(proposal.record.spec, proposal.functions)
@@ -118,7 +123,7 @@ def _composed(word: Sequence[tuple[Record, Functions]]) -> Proposal:
 
 
 def _interpolated(parents: Sequence[tuple[Record, Functions]]) -> Proposal:
-    """The mean of thetas, which the paper compares composition with ("Object Interpolation"); and of colours."""
+    """Average thetas, the paper's baseline for composition ("Object Interpolation"), and colors."""
     every = joined([each for _, each in parents])
     functions = Functions(
         _mean(every.theta), Color(every.color.spec, _mean(every.color.weights)) if every.color else None
@@ -132,7 +137,7 @@ def _mean(rows: Array) -> Array:
 
 
 def _record(kind: Literal["composed", "interpolated"], members: Sequence[tuple[Record, Functions]]) -> Record:
-    """The record of a new object. Its model is those that thetas come from, as one name that a file can carry."""
+    """Return the record of a new object. Its model names the models of its members, cut to what a file can carry."""
     ids = tuple(record.id for record, _ in members)
     id_ = composed_id(ids) if kind == "composed" else interpolated_id(ids)
     model = " + ".join(dict.fromkeys(record.model for record, _ in members))[:MAX_LABEL]

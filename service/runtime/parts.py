@@ -1,4 +1,4 @@
-"""What every request needs and the application opens once: settings, models, store, worker threads."""
+"""The opened parts of a running service: settings, models, store, worker threads, gates."""
 
 import asyncio
 import math
@@ -6,18 +6,14 @@ from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, ParamSpec, TypeVar
-
-from fastapi import Depends
-from starlette.requests import Request
+from typing import ParamSpec, TypeVar
 
 from service.encoding.encoder import Encoder
 from service.encoding.matting import Matting
 from service.encoding.registry import Models
-from service.errors import NotReady
 from service.runtime.admission import Gates
 from service.runtime.batcher import Batcher
-from service.runtime.liveness import Vital
+from service.runtime.liveness import LivenessProbe
 from service.settings import Settings
 from service.storage.store import Store
 from service.telemetry.metrics import Metrics
@@ -28,13 +24,13 @@ R = TypeVar("R")
 
 @dataclass(frozen=True)
 class Runtime:
-    """The opened parts of a running service; `matting` is None where no such model is set.
+    """The opened parts of a running service; `matting` is None if no matting model is set.
 
     Attributes
     ----------
-    gates : what bounds the work that is let in.
-    batchers : by the models' names, each encoder, shared by those who wait for it.
-    vitals : the parts that a ready service needs, by the words for it.
+    gates : the bounds on the work that is admitted.
+    batchers : the encoder of each model, shared by concurrent requests; by the models' names.
+    probes : liveness of the parts that a ready service needs; by the parts' names in error messages.
     """
 
     settings: Settings
@@ -43,28 +39,25 @@ class Runtime:
     store: Store
     executor: Executor
     metrics: Metrics
-
-    @cached_property
-    def gates(self) -> Gates:  # noqa: D102
-        return Gates.of(self.settings)
+    gates: Gates
 
     @cached_property
     def batchers(self) -> dict[str, Batcher]:  # noqa: D102
         return {encoder.name: Batcher(encoder.encode, self.run) for encoder in self.models}
 
     @cached_property
-    def vitals(self) -> dict[str, Vital]:  # noqa: D102
-        encoders = {f"model {encoder.name}": self._vital(encoder) for encoder in self.models}
-        return {**encoders, "store": Vital(self.store.ping, lambda: -math.inf)}
+    def probes(self) -> dict[str, LivenessProbe]:  # noqa: D102
+        encoders = {f"model {encoder.name}": self._encoder_probe(encoder) for encoder in self.models}
+        return {**encoders, "store": LivenessProbe(self.store.ping, lambda: -math.inf)}
 
-    def _vital(self, encoder: Encoder) -> Vital:
+    def _encoder_probe(self, encoder: Encoder) -> LivenessProbe:
         batcher, blank = self.batchers[encoder.name], encoder.blank()
-        return Vital(lambda: batcher.encode(blank), lambda: batcher.answered_at)
+        return LivenessProbe(lambda: batcher.encode(blank), lambda: batcher.answered_at)
 
     async def run(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
-        """Call a function that computes on a worker thread, off the event loop.
+        """Call a function on a worker thread, off the event loop, and return its result.
 
-        Cancelled before a thread takes it, it never runs; after that, the cancellation waits for its end.
+        If canceled before a thread takes it, it never runs; after that, the cancellation waits until it has ended.
         """
         job = self.executor.submit(self.metrics.timed(function), *args, **kwargs)
         ended = asyncio.wrap_future(job)
@@ -73,16 +66,5 @@ class Runtime:
         except asyncio.CancelledError:
             if not job.cancel():
                 await asyncio.wait((ended,))
-                ended.exception()  # nobody else will ask for it
+                ended.exception()  # retrieved here, because nobody else will
             raise
-
-
-async def runtime(request: Request) -> Runtime:  # async: FastAPI would call it on a thread otherwise
-    """The service's parts. Raises NotReady before they are opened and after they are closed."""
-    parts: Runtime | None = request.app.state.runtime
-    if parts is None:
-        raise NotReady("the service is starting or stopping")
-    return parts
-
-
-Ready = Annotated[Runtime, Depends(runtime)]

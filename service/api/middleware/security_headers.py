@@ -1,4 +1,4 @@
-"""Headers that tell browsers what they may do with an answer: those that every answer has, and CORS."""
+"""Security headers for browsers: those of every answer, and CORS."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -8,15 +8,15 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 SECURE: Final = {
     "Content-Security-Policy": "default-src 'none'; frame-ancestors 'none'",  # pages have policies of their own
-    "Cross-Origin-Resource-Policy": "same-origin",  # CORS, where it is on, is asked instead
+    "Cross-Origin-Resource-Policy": "same-origin",  # where CORS is on, browsers use it instead
     "Referrer-Policy": "no-referrer",
     "X-Content-Type-Options": "nosniff",
 }
 
-RAW: Final = tuple((name.lower().encode(), value.encode()) for name, value in SECURE.items())
+_RAW: Final = tuple((name.lower().encode(), value.encode()) for name, value in SECURE.items())
 
-ASKED: Final = ("Authorization", "Content-Type", "If-None-Match", "X-API-Key", "X-Request-ID")
-SHOWN: Final = (
+REQUEST_HEADERS: Final = ("Authorization", "Content-Type", "If-None-Match", "X-API-Key", "X-Request-ID")
+EXPOSED_HEADERS: Final = (
     "Content-Disposition",
     "ETag",
     "Location",
@@ -28,30 +28,30 @@ SHOWN: Final = (
 
 
 def with_cors(app: ASGIApp, origins: Sequence[str]) -> ASGIApp:
-    """The service, also for pages of these origins, which send their keys themselves: no cookies are involved."""
+    """Return the app with CORS for these origins. It needs no cookies: their pages send API keys themselves."""
     return CORSMiddleware(
         app,
         allow_origins=origins,
         allow_methods=["GET", "HEAD", "POST", "DELETE"],
-        allow_headers=ASKED,
-        expose_headers=SHOWN,
+        allow_headers=REQUEST_HEADERS,
+        expose_headers=EXPOSED_HEADERS,
     )
 
 
-class SecureHeaders:
-    """Adds those of `SECURE` that an answer does not set itself."""
+class SecurityHeaders:
+    """Add the headers of `SECURE` that an answer does not set itself."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass the request on."""
+        """Pass the request on, and add headers to its answer."""
 
         async def send_with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
                 fields = message["headers"]
                 set_already = {name.lower() for name, _ in fields}
-                message["headers"] = [*fields, *(field for field in RAW if field[0] not in set_already)]
+                message["headers"] = [*fields, *(field for field in _RAW if field[0] not in set_already)]
             await send(message)
 
         await self._app(scope, receive, send_with_headers)

@@ -1,30 +1,37 @@
-"""What the answers that are files share: an object's points, weights and surface."""
+"""Answers that are files of an object: its points, its surface, its weights."""
 
-from collections.abc import Iterable
-from typing import Annotated, Any, Final, Protocol
+from collections.abc import Iterable, Mapping
+from typing import Final, Protocol, TypeVar
 
-from fastapi import Depends, Path, Response
+from starlette.requests import Request
+from starlette.responses import Response
 
-from service.api.responses import OVERLOADED, Problem
-from service.api.wire.caching import CACHE_CONTROL
-from service.errors import NotFound
-from service.storage.ids import is_id
+from service.api.context import context_of
+from service.api.responses import BINARY, OBJECT_NOT_FOUND, OVERLOADED, Problem, Responses
+from service.api.wire.caching import CACHE_CONTROL, etag, is_fresh
+from service.api.wire.negotiation import negotiate
 
-Responses = dict[int | str, dict[str, Any]]
-
-BINARY: Final = {"schema": {"type": "string", "format": "binary"}}
 JSON: Final = {"schema": {"type": "object"}}
-MISSING: Final[Responses] = {404: {"model": Problem, "description": "No object of that id"}}
 NOT_ACCEPTABLE: Final[Responses] = {406: {"model": Problem, "description": "No format satisfies `Accept`"}}
 
 
-class _Format(Protocol):
+class FileFormat(Protocol):
+    """A file format as HTTP needs to know it."""
+
     @property
-    def media_type(self) -> str: ...
+    def media_type(self) -> str:
+        """The media type, as in Content-Type."""
+
+    @property
+    def extension(self) -> str:
+        """The extension of a file's name, with its dot."""
 
 
-def file_responses(description: str, formats: Iterable[_Format]) -> Responses:
-    """What is told of a call that answers with an object's file, in one of some formats."""
+Format = TypeVar("Format", bound=FileFormat)
+
+
+def file_responses(description: str, formats: Iterable[FileFormat]) -> Responses:
+    """Return the OpenAPI responses of a call that answers with a file in one of the formats."""
     headers = {
         "Content-Disposition": {"description": "a file name", "schema": {"type": "string"}},
         "ETag": {"description": "weak: of the object, the parameters and the version", "schema": {"type": "string"}},
@@ -32,36 +39,67 @@ def file_responses(description: str, formats: Iterable[_Format]) -> Responses:
     }
     content = {fmt.media_type: JSON if fmt.media_type.endswith("json") else BINARY for fmt in formats}
     return {
-        **MISSING,
+        **OBJECT_NOT_FOUND,
         304: {"description": "`If-None-Match` names this very answer"},
         200: {"description": description, "content": content, "headers": headers},
         429: OVERLOADED,
     }
 
 
-async def object_id(id_: Annotated[str, Path(alias="id", description="id of an object")]) -> str:
-    """The id of the path. Raises NotFound for what cannot be one, before a database has to make sense of it."""
-    if not is_id(id_):
-        raise NotFound("there is no object of this id")
-    return id_
+def format_of(request: Request, name: str | None, formats: Mapping[str, Format]) -> Format:
+    """Return the format that the query names, otherwise the one that Accept prefers. Raises NotAcceptable."""
+    return formats[name] if name else negotiate(request.headers.get("accept"), formats.values())
 
 
-ObjectId = Annotated[str, Depends(object_id)]
+class FileAnswer:
+    """Head of an answer that is an object's file, known before any of the file is computed.
 
+    Parameters
+    ----------
+    object_id, fmt : the object and the file's format.
+    tagged : values that determine the file's bytes, besides the object's id and the version.
+    vary : request headers that the choice of the file depends on; "" for none.
+    length : bytes of the body; None if only the computed file tells.
+    is_gzipped : whether the body is compressed.
 
-def cached(tag: str) -> dict[str, str]:
-    """Headers of an answer that may be kept."""
-    return {"ETag": tag, "Cache-Control": CACHE_CONTROL}
+    Attributes
+    ----------
+    headers, media_type : of the answer with the file.
+    """
 
+    def __init__(
+        self,
+        object_id: str,
+        fmt: FileFormat,
+        *tagged: object,
+        vary: str = "",
+        length: int | None = None,
+        is_gzipped: bool = False,
+    ) -> None:
+        self.media_type: Final = fmt.media_type
+        self._caching = {"ETag": etag(object_id, *tagged), "Cache-Control": CACHE_CONTROL}
+        if vary:
+            self._caching["Vary"] = vary
+        self.headers: Final[dict[str, str]] = {
+            **self._caching,
+            "Content-Disposition": f'attachment; filename="hof-{object_id}{fmt.extension}"',
+        }
+        if length is not None:
+            self.headers["Content-Length"] = str(length)
+        if is_gzipped:
+            self.headers["Content-Encoding"] = "gzip"
 
-def attachment(id_: str, extension: str) -> dict[str, str]:
-    """The header that names the file."""
-    return {"Content-Disposition": f'attachment; filename="hof-{id_}{extension}"'}
+    def without_file(self, request: Request) -> Response | None:
+        """Return the answer to a request that needs no file computed: 304 or HEAD; None if it needs the file."""
+        if is_fresh(request.headers.get("if-none-match"), self.headers["ETag"]):
+            return Response(status_code=304, headers=self._caching)
+        if not context_of(request.scope).is_head:
+            return None
+        response = Response(headers=self.headers, media_type=self.media_type)
+        if "Content-Length" not in self.headers:
+            del response.headers["Content-Length"]  # Starlette's, of the empty body
+        return response
 
-
-def head(headers: dict[str, str], media_type: str) -> Response:
-    """What HEAD answers for a file that nobody makes: without a Content-Length if `headers` has none."""
-    answer = Response(headers=headers, media_type=media_type)
-    if "Content-Length" not in headers:
-        del answer.headers["Content-Length"]  # of the empty body
-    return answer
+    def with_file(self, content: bytes) -> Response:
+        """Return the answer with the file."""
+        return Response(content, headers=self.headers, media_type=self.media_type)

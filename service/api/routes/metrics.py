@@ -1,4 +1,4 @@
-"""GET /metrics: figures for Prometheus."""
+"""GET /metrics: metrics for Prometheus."""
 
 import asyncio
 from typing import Annotated, Final
@@ -22,7 +22,10 @@ TEXT: Final = {"schema": {"type": "string"}}
     responses={200: {"description": "Counters and histograms, by route", "content": {"text/plain": TEXT}}},
 )
 async def metrics(request: Request, query: Annotated[NoQuery, Query()]) -> Response:
-    """Figures in Prometheus's text format, of all worker processes. Touches neither worker threads nor the store."""
-    told: Metrics = request.app.state.metrics
-    content, media_type = await asyncio.to_thread(told.exposition, request.headers.get("accept", ""))
+    """Return the metrics of all worker processes in Prometheus's text format.
+
+    Uses neither the threads that encode and sample nor the store.
+    """
+    registry: Metrics = request.app.state.metrics
+    content, media_type = await asyncio.to_thread(registry.exposition, request.headers.get("accept", ""))
     return Response(content, headers={"Content-Type": media_type, "Cache-Control": "no-store"})

@@ -1,6 +1,6 @@
-"""The page at / and the API's documentation at /docs: static files, nothing from elsewhere.
+"""The page at / and the API's documentation at /docs: static files that load nothing from other origins.
 
-What they are shown with, three.js and Swagger UI, is put into service/viewer/static/bundle when the package is built.
+Their libraries, three.js and Swagger UI, are put into service/viewer/static/bundle when the package is built.
 """
 
 import base64
@@ -21,15 +21,15 @@ from service.errors import NotFound
 STATIC: Final = Path(__file__).resolve().parents[2] / "viewer" / "static"
 BUNDLE: Final = STATIC / "bundle"
 NOT_BUILT: Final = (
-    "this page was left out when the service was installed, for want of npm: install Node.js, then the service again "
-    "(`make clean serve`, or `pip install .`)"
+    "this page was left out when the service was installed, because npm was missing: install Node.js, then install the "
+    "service again (`make clean serve`, or `pip install .`)"
 )
 
 
 def content_security_policy(page: str) -> str:
-    """The Content-Security-Policy of an HTML page: its own origin only; of inline scripts only its import map.
+    """Return the Content-Security-Policy of an HTML page: its own origin, and its import map as the only inline script.
 
-    Browsers take import maps inline alone (HTML standard, section 8.1.5.3), so that one is named by its digest.
+    Import maps must be inline (HTML standard, section 8.1.5.3), so the policy names the map by its digest.
     """
     maps = re.findall(r'<script type="importmap">(.*?)</script>', page, re.DOTALL)
     digests = [base64.b64encode(hashlib.sha256(text.encode()).digest()).decode("ascii") for text in maps]
@@ -41,10 +41,10 @@ def content_security_policy(page: str) -> str:
 
 
 class Pages(StaticFiles):
-    """Static files: kept by browsers and asked about each time (ETag, 304); pages load nothing from elsewhere."""
+    """Static files that browsers cache but revalidate each time (ETag, 304); pages load nothing from other origins."""
 
     async def get_response(self, path: str, scope: Scope) -> Response:
-        """A file's answer. Raises Starlette's 404 and 405."""
+        """Return the answer for a file. Raises Starlette's 404 and 405."""
         response = await super().get_response(path, scope)
         response.headers["Cache-Control"] = "no-cache"
         if path.endswith(".html"):

@@ -1,4 +1,7 @@
-"""HTTP caching and compression of what never changes: an id is a digest, the same question has the same answer."""
+"""HTTP caching and compression.
+
+Objects never change, because their ids are digests: the same request always has the same answer.
+"""
 
 import hashlib
 import re
@@ -6,21 +9,21 @@ from typing import Final
 
 from service import __version__
 
-CACHE_CONTROL: Final = "max-age=31536000, immutable"  # not `public`: with a key, caches that are shared must not
+CACHE_CONTROL: Final = "max-age=31536000, immutable"  # not `public`: shared caches must not keep answers to keys
 _TAG: Final = re.compile(r'(?:W/)?("[^"]*")')
 
 
 def etag(*parts: object) -> str:
-    """A weak ETag (RFC 9110, section 8.8.3) of an answer's id and parameters, and of this version.
+    """Return a weak ETag (RFC 9110, section 8.8.3) of an answer's id and parameters, and of this version.
 
-    Weak, since outputs agree between machines to rounding only.
+    Weak, because outputs agree between machines only to rounding.
     """
     text = repr((__version__, *parts))
     return f'W/"{hashlib.sha256(text.encode()).hexdigest()[:32]}"'
 
 
 def is_fresh(if_none_match: str | None, tag: str) -> bool:
-    """Whether an If-None-Match header (section 13.1.2) names the tag, by weak comparison."""
+    """Return whether an If-None-Match header (section 13.1.2) names the tag, by weak comparison."""
     if if_none_match is None:
         return False
     if if_none_match.strip() == "*":
@@ -29,7 +32,7 @@ def is_fresh(if_none_match: str | None, tag: str) -> bool:
 
 
 def accepts_gzip(accept_encoding: str | None) -> bool:
-    """Whether an Accept-Encoding header (section 12.5.3) allows gzip by name."""
+    """Return whether an Accept-Encoding header (section 12.5.3) allows gzip by name."""
     for part in (accept_encoding or "").lower().split(","):
         coding, *parameters = (field.strip() for field in part.split(";"))
         if coding in ("gzip", "x-gzip"):

@@ -1,51 +1,47 @@
-"""Clients that leave or stall: their work ends. What is queued for them is never begun."""
+"""Clients that leave: their work is canceled, and work still queued for them never starts."""
 
 import asyncio
-import time
 from collections.abc import AsyncIterator, Coroutine, Mapping
 from contextlib import suppress
-from typing import Any, Final, TypeVar
+from typing import Any, TypeVar
 
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import StreamingResponse
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.types import Receive, Scope, Send
 
-from service.errors import Stalled
-from service.runtime.admission import Gate
+from service.runtime.admission import ClientLeft, Gate
 
 R = TypeVar("R")
 
-SLOWEST_UPLOAD: Final = 8_192  # bytes a second, of a body once it has had the longest wait for its first ones
 
-
-async def while_there(request: Request, work: Coroutine[Any, Any, R]) -> R:
-    """Await what a client waits for; its body must have been read, or it must have none.
+async def while_connected(request: Request, work: Coroutine[Any, Any, R]) -> R:
+    """Await work as long as its client is connected. The body of the request must have been read, or be empty.
 
     Raises
     ------
-    ClientDisconnect : it left; the work is cancelled, and what waits for a worker thread never runs.
+    ClientLeft : the client disconnected; the work is canceled, and calls still queued for a worker thread never run.
     """
     task = asyncio.ensure_future(work)
-    gone = asyncio.ensure_future(_departure(request.receive))
+    departure = asyncio.ensure_future(_disconnect(request.receive))
     try:
-        await asyncio.wait((task, gone), return_when=asyncio.FIRST_COMPLETED)
+        await asyncio.wait((task, departure), return_when=asyncio.FIRST_COMPLETED)
         if not task.done():
-            raise ClientDisconnect
+            raise ClientLeft
         return task.result()
     finally:
         task.cancel()
-        gone.cancel()
+        departure.cancel()
         if not task.done():
-            await asyncio.wait((task,))  # a worker thread that has begun: what it takes stays counted until it ends
+            await asyncio.wait((task,))  # a worker thread that has begun: its work stays counted until it ends
 
 
-async def _departure(receive: Receive) -> None:
+async def _disconnect(receive: Receive) -> None:
     while (await receive())["type"] != "http.disconnect":
         pass
 
 
 class AdmittedStream(StreamingResponse):
-    """A stream that a gate lets in before its first byte and holds until its last, or until the client leaves.
+    """A stream that holds an amount of a gate from before its first byte until its last, or until its client leaves.
 
     Raises Overloaded when it is sent, which is early enough for another answer.
     """
@@ -56,60 +52,17 @@ class AdmittedStream(StreamingResponse):
         super().__init__(pieces, headers=headers, media_type=media_type)
         self._gate = gate
         self._amount = amount
-        self._sent_all = False
+        self._is_complete = False
 
     async def stream_response(self, send: Send) -> None:
         """Send head and pieces."""
         await super().stream_response(send)
-        self._sent_all = True
+        self._is_complete = True
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer, within the gate."""
-        with suppress(ClientDisconnect), self._gate.admit(self._amount):
-            await super().__call__(scope, receive, send)
-            if not self._sent_all:
-                raise ClientDisconnect
-
-
-class Patience:
-    """Ends a request whose client does not send the next bytes of its body in time, or a few at a time only, or does
-    not take those of its answer.
-
-    It would keep what a gate lets in from others. In the call, `receive` then raises Stalled and `send`
-    ClientDisconnect.
-    """
-
-    def __init__(self, app: ASGIApp, seconds: float) -> None:
-        self._app = app
-        self._seconds = seconds
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass the request on, with a limit on each wait for the client."""
-        if scope["type"] != "http":
-            await self._app(scope, receive, send)
-            return
-        began, received, body_ended = time.monotonic(), 0, False
-
-        async def receive_in_time() -> Message:
-            nonlocal received, body_ended
-            if body_ended:  # what comes now is that the client leaves
-                return await receive()
-            left_s = began + self._seconds + received / SLOWEST_UPLOAD - time.monotonic()
-            try:
-                async with asyncio.timeout(min(self._seconds, left_s)):
-                    message = await receive()
-            except TimeoutError:
-                slow = f"no byte of the body came for {self._seconds:g} s, or fewer than {SLOWEST_UPLOAD} a second"
-                raise Stalled(slow) from None
-            received += len(message.get("body", b""))
-            body_ended = not message.get("more_body", False)
-            return message
-
-        async def send_in_time(message: Message) -> None:
-            try:
-                async with asyncio.timeout(self._seconds):
-                    await send(message)
-            except TimeoutError:
-                raise ClientDisconnect from None
-
-        await self._app(scope, receive_in_time, send_in_time)
+        """Send the answer, within the gate."""
+        with suppress(ClientLeft), self._gate.admit(self._amount):
+            with suppress(ClientDisconnect):
+                await super().__call__(scope, receive, send)
+            if not self._is_complete:
+                raise ClientLeft

@@ -1,43 +1,54 @@
-"""Request bodies, bounded: bytes are counted as they arrive, chunked bodies included."""
+"""Request bodies with a limit: bytes are counted as they arrive, chunked bodies included."""
 
 from typing import Final
 
 from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import Field, File, FormParser, parse_options_header
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 
 from service.errors import InvalidInput, InvalidParameter, TooLarge
+from service.runtime.admission import ClientLeft
 
 FORM_OVERHEAD_BYTES: Final = 16_384  # boundaries and headers of a one-field form
 
 
-def size_ahead(request: Request, max_bytes: int) -> int:
-    """Bytes that a body will take, at least 1: as it declares, else as many as it may."""
+def expected_size(request: Request, max_bytes: int) -> int:
+    """Return the bytes to reserve for a body, at least 1: its Content-Length, or the limit if it declares none."""
     declared = request.headers.get("content-length", "")
     return max(1, min(int(declared), max_bytes)) if declared.isdecimal() else max_bytes
 
 
 async def read_body(request: Request, max_bytes: int) -> bytes:
-    """The whole body. Raises TooLarge as soon as it is known to exceed `max_bytes`."""
+    """Return the whole body.
+
+    Raises
+    ------
+    TooLarge : the body exceeds `max_bytes`; raised as early as possible.
+    ClientLeft : the client disconnected before the end of the body.
+    """
     declared = request.headers.get("content-length", "")
     if declared.isdecimal() and int(declared) > max_bytes:
         raise TooLarge(f"the body has {declared} bytes, the limit is {max_bytes}")
     body = bytearray()
-    async for chunk in request.stream():
-        if len(body) + len(chunk) > max_bytes:
-            raise TooLarge(f"the body has more than {max_bytes} bytes, the limit")
-        body += chunk
+    try:
+        async for chunk in request.stream():
+            if len(body) + len(chunk) > max_bytes:
+                raise TooLarge(f"the body has more than {max_bytes} bytes, the limit")
+            body += chunk
+    except ClientDisconnect as error:
+        raise ClientLeft from error
     return bytes(body)
 
 
 async def read_image(request: Request, max_bytes: int) -> bytes:
-    """The image of a request: the field `image` of a form, else the raw body, whatever its type says.
+    """Return the image of a request: the field `image` of a form, or the raw body of any other content type.
 
     Raises
     ------
     TooLarge : the image exceeds `max_bytes`.
-    InvalidInput : a malformed form.
-    InvalidParameter : a form with other fields than one `image`.
+    InvalidInput : the form is malformed.
+    InvalidParameter : the form has other fields than one `image`.
+    ClientLeft : the client disconnected before the end of the body.
     """
     content_type, options = parse_options_header(request.headers.get("content-type"))
     if content_type != b"multipart/form-data":
@@ -50,7 +61,7 @@ async def read_image(request: Request, max_bytes: int) -> bytes:
 
 
 def form_image(body: bytes, boundary: bytes) -> bytes:
-    """The bytes of the one field, `image`, of a multipart form. Raises as `read_image` does."""
+    """Return the bytes of the one field, `image`, of a multipart form. Raises as `read_image` does."""
     images: list[bytes] = []
     ended: list[bool] = []
 

@@ -12,14 +12,13 @@ from pathlib import Path
 
 import httpx
 import pytest
-from starlette.requests import ClientDisconnect
 
 from service.errors import InvalidModel, InvalidParameter, Overloaded
 from service.formats.weights import Weights, dump
 from service.mapping.cloud import FIRST_PART, PART
 from service.mapping.spec import HOF_1, initial_theta
 from service.runtime import liveness
-from service.runtime.admission import Gate
+from service.runtime.admission import ClientLeft, Gate
 from service.runtime.cost import in_flight
 from service.settings import Settings
 from service.storage import database
@@ -63,16 +62,34 @@ def test_images_over_the_bound_are_refused_and_room_is_given_back(slow: Server, 
     assert (gate.held, gate.finished, gate.refused, gate.failed, gate.cancelled) == (0, 4, 1, 0, 0)
 
 
-def test_an_image_is_refused_before_its_body_is_read(slow: Server, quick: httpx.Client) -> None:
+@pytest.mark.parametrize("path", [PATH, "/v2/models/tiny-k2/infer"])
+def test_an_image_is_refused_before_its_body_is_read(slow: Server, quick: httpx.Client, path: str) -> None:
     with ThreadPoolExecutor(3) as pool:
         taken = [pool.submit(quick.post, PATH, content=plain(red)) for red in range(3)]
         until(lambda: runtime_of(slow).gates.images.held == 3)
         with socket.create_connection(("127.0.0.1", slow.port), timeout=DEADLINE_S) as connection:
-            head = f"POST {PATH} HTTP/1.1\r\nHost: x\r\nContent-Length: 99999\r\nExpect: 100-continue\r\n\r\n"
+            head = f"POST {path} HTTP/1.1\r\nHost: x\r\nContent-Length: 99999\r\nExpect: 100-continue\r\n\r\n"
             connection.sendall(head.encode())
             assert connection.recv(65_536).startswith(b"HTTP/1.1 429 ")
         for future in taken:
             future.result()
+
+
+@pytest.mark.parametrize("path", ["/objects", "/compose"])
+def test_work_on_points_is_refused_before_its_body_is_read(slow: Server, quick: httpx.Client, path: str) -> None:
+    points = quick.post(PATH, content=plain(255, 255)).json()["links"]["points"]
+    gate = runtime_of(slow).gates.points
+    address = ("127.0.0.1", slow.port)
+    with (
+        socket.create_connection(address, timeout=DEADLINE_S) as stream,
+        socket.create_connection(address, timeout=DEADLINE_S) as connection,
+    ):
+        stream.sendall(f"GET {points}?{BIG} HTTP/1.1\r\nHost: x\r\n\r\n".encode())
+        until(lambda: gate.held > 0)
+        head = f"POST {path} HTTP/1.1\r\nHost: x\r\nContent-Length: 999\r\nExpect: 100-continue\r\n\r\n"
+        connection.sendall(head.encode())
+        assert connection.recv(65_536).startswith(b"HTTP/1.1 429 ")
+    assert gate.refused == 1
 
 
 def test_probes_answer_while_every_worker_is_busy(slow: Server, quick: httpx.Client) -> None:
@@ -90,7 +107,7 @@ def test_probes_answer_while_every_worker_is_busy(slow: Server, quick: httpx.Cli
 def test_an_encoder_that_hangs_is_not_ready_and_recovers(
     slow: Server, quick: httpx.Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for name, seconds in {"FRESH_S": 0.0, "PATIENCE_S": 0.05, "SILENCE_S": 0.2}.items():
+    for name, seconds in {"FRESH_S": 0.0, "PROBE_TIMEOUT_S": 0.05, "MAX_SILENCE_S": 0.2}.items():
         monkeypatch.setattr(liveness, name, seconds)
     with ThreadPoolExecutor(1) as pool:
         hanging = pool.submit(quick.post, PATH, content=plain(0))
@@ -247,7 +264,7 @@ def test_an_empty_gate_lets_anything_in_and_a_full_one_nothing() -> None:
         (InvalidParameter("no"), "finished"),
         (InvalidModel("no"), "failed"),
         (ValueError("no"), "failed"),
-        (ClientDisconnect(), "cancelled"),
+        (ClientLeft(), "cancelled"),
         (asyncio.CancelledError(), "cancelled"),
     ],
 )

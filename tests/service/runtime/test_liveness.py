@@ -7,7 +7,7 @@ from collections.abc import Callable, Coroutine
 import pytest
 
 from service.runtime import liveness
-from service.runtime.liveness import Vital
+from service.runtime.liveness import LivenessProbe
 
 Ping = Callable[[], Coroutine[None, None, None]]
 
@@ -38,11 +38,11 @@ async def _hang() -> None:
 def test_a_part_is_believed_as_long_as_its_last_answer_was_good(
     pings: list[Ping], told: list[bool], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(liveness, "PATIENCE_S", 0.01)
+    monkeypatch.setattr(liveness, "PROBE_TIMEOUT_S", 0.01)
     coming = iter(pings)
 
     async def ask() -> list[bool]:
-        part = Vital(lambda: next(coming)(), lambda: -math.inf)
-        return [await part.works() for _ in told]
+        part = LivenessProbe(lambda: next(coming)(), lambda: -math.inf)
+        return [await part.is_alive() for _ in told]
 
     assert asyncio.run(ask()) == told

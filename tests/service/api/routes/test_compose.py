@@ -13,7 +13,7 @@ from service.errors import InvalidParameter
 from service.formats.weights import Weights, dump, load
 from service.mapping.canonical import canonical_points
 from service.mapping.spec import Array, MappingSpec, initial_theta
-from service.runtime.composition import MAX_WORDS, Member, check
+from service.runtime.composition import MAX_WORDS, Member, check_members
 from tests.support.photos import disc, image_file
 from tests.support.postgres import EVERY_DATABASE
 
@@ -198,10 +198,10 @@ def test_a_function_with_k_of_1_is_interpolated_but_not_composed(client: httpx.C
 
 def test_all_words_are_bounded() -> None:
     members = [Member(name, SPEC.with_k(8), is_composed=False) for name in "ab"]
-    check(members, "all")
+    check_members(members, "all")
     members = [Member(name, SPEC.with_k(9), is_composed=False) for name in "ab"]
     with pytest.raises(InvalidParameter, match=f"2\\^9 words, at most {MAX_WORDS}"):
-        check(members, "all")
+        check_members(members, "all")
 
 
 @pytest.mark.parametrize("mode", ["compose", "all"])

@@ -38,6 +38,24 @@ def test_a_304_samples_nothing(client: httpx.Client, links: dict[str, str], monk
     assert client.get(links["points"], headers={"If-None-Match": tag}).status_code == 304
 
 
+@pytest.mark.parametrize("name", ["safetensors", "npy", "json", "onnx"])
+def test_head_of_weights_computes_no_file(
+    client: httpx.Client, links: dict[str, str], name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    link = f"{links['weights']}?format={name}"
+    full = client.get(link)
+
+    def fail(*_: object) -> bytes:
+        raise AssertionError("a file was computed")
+
+    monkeypatch.setattr("service.api.routes.weights.dump", fail)
+    head = client.head(link)
+    assert (head.status_code, head.content) == (200, b"")
+    for header in ("etag", "cache-control", "content-type", "content-disposition"):
+        assert head.headers[header] == full.headers[header]
+    assert client.head(link, headers={"If-None-Match": full.headers["ETag"]}).status_code == 304
+
+
 def test_every_parameter_has_its_own_tag(client: httpx.Client, links: dict[str, str]) -> None:
     queries = ["", "?n=11", "?seed=1", "?offset=5", "?scale=2", "?format=npy", "?format=f32", "?format=f16"]
     tags = {client.head(links["points"] + query).headers["ETag"] for query in queries}

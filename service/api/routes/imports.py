@@ -1,0 +1,89 @@
+"""POST /objects: a weights file becomes an object."""
+
+from datetime import UTC, datetime
+from typing import Annotated, Final
+
+from fastapi import APIRouter, Query
+from starlette.requests import Request
+from starlette.responses import Response
+
+from service.api.admission import needs_gate
+from service.api.dependencies import ReadyRuntime
+from service.api.queries import NoQuery
+from service.api.responses import (
+    BINARY,
+    BODY_STALLED,
+    NO_SPACE,
+    OBJECT_LOCATION,
+    OVERLOADED,
+    Problem,
+    Responses,
+    StoredObject,
+)
+from service.api.wire.disconnects import while_connected
+from service.api.wire.uploads import expected_size, read_body
+from service.errors import InvalidParameter
+from service.formats.weights import Weights, load
+from service.mapping.cloud import PROBE_POINTS, check_finite
+from service.runtime.cost import cost_of
+from service.storage.ids import imported_id
+from service.storage.store import Record
+
+router = APIRouter(prefix="/objects", tags=["objects"])
+
+RESPONSES: Final[Responses] = {
+    200: {"description": "The object that the same weights gave before"},
+    201: {"model": StoredObject, "description": "A new object", "headers": OBJECT_LOCATION},
+    400: {"model": Problem, "description": "Not a weights file, or its numbers do not fit its spec"},
+    408: BODY_STALLED,
+    413: {"model": Problem, "description": "More bytes than the limit"},
+    422: {
+        "model": Problem,
+        "description": "A spec that describes no function; a composed object's file; an unknown parameter",
+    },
+    507: NO_SPACE,
+    429: OVERLOADED,
+}
+
+
+@router.post(
+    "",
+    response_model=StoredObject,
+    responses=RESPONSES,
+    openapi_extra={"requestBody": {"required": True, "content": {"application/octet-stream": BINARY}}},
+)
+@needs_gate("points")
+async def import_object(
+    request: Request, response: Response, query: Annotated[NoQuery, Query()], runtime: ReadyRuntime
+) -> StoredObject:
+    """Keep a weights file as an object: safetensors with its spec, as `/objects/{id}/weights` gives it.
+
+    The file of a composed object is refused, because an object is one function: post the files of its word, and
+    compose them.
+    """
+    gates, max_bytes = runtime.gates, runtime.settings.max_weights_bytes
+    with gates.uploads.admit(expected_size(request, max_bytes)):
+        body = await read_body(request, max_bytes)
+        weights = await while_connected(request, runtime.run(_load_one_function, body))
+        spec, functions = weights.spec, weights.functions
+        with gates.points.admit(PROBE_POINTS * cost_of(spec, functions)):
+            await while_connected(request, runtime.run(check_finite, spec, functions))
+        record, is_new = await runtime.store.put(_record(weights), functions)
+    if is_new:
+        response.status_code = 201
+        response.headers["Location"] = f"/objects/{record.id}"
+    return StoredObject.of(record)
+
+
+def _load_one_function(body: bytes) -> Weights:
+    """Return the weights in a file of one function. Raises CorruptWeights, InvalidSpec or InvalidParameter."""
+    weights = load(body)
+    if weights.word:
+        raise InvalidParameter("this file is a composed object's: post the files of its word, and compose them")
+    return weights
+
+
+def _record(weights: Weights) -> Record:
+    color_spec = weights.color.spec if weights.color else None
+    id_ = imported_id(weights.spec, weights.functions)
+    return Record(id_, "imported", weights.model, weights.spec, datetime.now(UTC), color_spec=color_spec)

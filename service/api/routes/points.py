@@ -1,0 +1,60 @@
+"""GET /objects/{id}/points: an object's point cloud, streamed as a file."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query
+from starlette.requests import Request
+from starlette.responses import Response, StreamingResponse
+
+from service.api.dependencies import ObjectId, ReadyRuntime
+from service.api.queries import PointsQuery
+from service.api.routes.file_answers import NOT_ACCEPTABLE, FileAnswer, file_responses, format_of
+from service.api.wire.caching import accepts_gzip
+from service.api.wire.disconnects import AdmittedStream
+from service.formats.points.registry import POINT_FORMATS
+from service.runtime.cost import check_cost, check_size, cost_of, in_flight
+from service.runtime.shapes import cloud_of
+from service.runtime.streaming import gzipped, stream
+
+router = APIRouter(prefix="/objects", tags=["objects"])
+
+
+@router.get(
+    "/{id}/points",
+    response_class=StreamingResponse,
+    responses=file_responses("The points, streamed", POINT_FORMATS.values()) | NOT_ACCEPTABLE,
+)
+async def points(
+    request: Request, id_: ObjectId, query: Annotated[PointsQuery, Query()], runtime: ReadyRuntime
+) -> Response:
+    """Sample the object: canonical points through f^k, in the object frame (+Y up, front +Z, longest side 1).
+
+    Points have colors if the object has colors and the format holds them.
+
+    The first m points of n are the points of m; `offset` continues where another call stopped.
+    """
+    fmt, settings = format_of(request, query.format, POINT_FORMATS), runtime.settings
+    check_size(fmt, query.n, settings.max_points)
+    record, functions = await runtime.store.get(id_)
+    cloud = cloud_of(record.spec, functions, query)
+    cost = cost_of(record.spec, cloud.functions)
+    check_cost(query.n, cost, settings.max_points, "n")
+    fmt = fmt.holding(color=cloud.functions.color is not None)
+    is_gzipped = fmt.is_text and accepts_gzip(request.headers.get("accept-encoding"))
+    answer = FileAnswer(
+        id_,
+        fmt,
+        fmt.name,
+        query.model_dump(exclude={"format"}),
+        is_gzipped,
+        vary="Accept, Accept-Encoding",
+        length=fmt.length(query.n),
+        is_gzipped=is_gzipped,
+    )
+    if response := answer.without_file(request):
+        return response
+    pieces = stream(fmt, cloud, runtime.run, settings.threads)
+    if is_gzipped:
+        pieces = gzipped(pieces, runtime.run)
+    amount = cost * in_flight(query.n, settings.threads)
+    return AdmittedStream(pieces, runtime.gates.points, amount, answer.headers, answer.media_type)
