@@ -25,7 +25,7 @@ Scale = Annotated[
 
 
 class EncodeOptions(BaseModel):
-    """How an image is framed before it is encoded."""
+    """Framing of an image before it is encoded."""
 
     background: Background = Field(
         default="auto",
@@ -43,7 +43,7 @@ class EncodeOptions(BaseModel):
 
 
 class PointOptions(BaseModel):
-    """Which points of an object to compute."""
+    """The points of an object to compute."""
 
     n: int = Field(default=10_000, ge=1, le=POINTS_CEILING, description="number of points; JSON holds at most 100,000")
     seed: int = Field(default=0, ge=0, le=MAX_SEED, description="seed of the canonical points")
@@ -67,7 +67,7 @@ class PointOptions(BaseModel):
 
 
 class MeshOptions(BaseModel):
-    """How fine the surface of an object is."""
+    """Resolution, scale and colors of an object's surface."""
 
     resolution: int = Field(
         default=RESOLUTION,

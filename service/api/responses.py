@@ -95,7 +95,7 @@ class ComposedObjects(BaseModel):
 
 
 class ImageReport(BaseModel):
-    """How the object was separated from the image's background."""
+    """Report on the separation of the object from its background."""
 
     mask: Mask = Field(
         description="method that removed the background: transparency, a uniform border, matting or none"
@@ -172,7 +172,7 @@ class ObjectPage(BaseModel):
 
 
 class ModelFraming(BaseModel):
-    """How the model frames its images."""
+    """Framing of the images of a model."""
 
     size: int = Field(description="side of the encoder's input, pixels", examples=[64])
     foreground_ratio: float = Field(examples=[0.85])

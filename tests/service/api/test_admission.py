@@ -6,7 +6,7 @@ from service.runtime.admission import Gates
 from service.settings import Settings
 
 
-def test_declared_gates_of_all_routes_are_those_of_the_calls_that_always_compute(settings: Settings) -> None:
+def test_declared_gates_of_all_routes_are_those_of_calls_that_always_compute(settings: Settings) -> None:
     gates = Gates.of(settings)
     declared = declared_gates((route for router in ROUTERS for route in router.routes), gates)
     assert declared == {

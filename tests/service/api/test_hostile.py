@@ -62,7 +62,9 @@ def bombs() -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize("kind", ["PNG", "WEBP", "JPEG", "JPEG progressive", "PNG animated"])
-def test_a_pixel_bomb_is_refused_and_takes_no_memory(real: tuple[str, int], bombs: dict[str, bytes], kind: str) -> None:
+def test_encode_of_a_pixel_bomb_is_refused_without_memory(
+    real: tuple[str, int], bombs: dict[str, bytes], kind: str
+) -> None:
     url, pid = real
     before = status_bytes(pid, "VmRSS")
     reset_peak(pid)
@@ -89,24 +91,24 @@ PHOTOS = {kind: image_file(disc(), kind) for kind in ("PNG", "JPEG", "WEBP", "GI
 @pytest.mark.parametrize(
     "behind", [PAGE, b"%PDF-1.7\n", b"PK\x05\x06" + bytes(18), PHOTOS["GIF"], b"\x7fELF" + bytes(99)]
 )
-def test_an_image_that_is_something_else_too_is_read_as_the_image_alone(
+def test_encode_of_an_image_with_a_second_type_reads_the_image_only(
     client: httpx.Client, kind: str, behind: bytes
 ) -> None:
-    made = client.post("/encode?include=weights", content=PHOTOS[kind] + behind)
+    answer = client.post("/encode?include=weights", content=PHOTOS[kind] + behind)
     plain = client.post("/encode?include=weights", content=PHOTOS[kind])
-    assert (made.status_code, plain.status_code) == (201, 201)
-    assert made.json()["weights"] == plain.json()["weights"]
-    assert b"script" not in made.content
+    assert (answer.status_code, plain.status_code) == (201, 201)
+    assert answer.json()["weights"] == plain.json()["weights"]
+    assert b"script" not in answer.content
 
 
 @pytest.mark.parametrize("before", [PAGE, b"%PDF-1.7\n", PHOTOS["GIF"], b"GIF89a", b"\n", b"\xef\xbb\xbf"])
-def test_an_image_behind_something_else_is_none(client: httpx.Client, before: bytes) -> None:
+def test_encode_of_an_image_after_other_bytes_is_refused(client: httpx.Client, before: bytes) -> None:
     for kind in ("PNG", "JPEG", "WEBP"):
         answer = client.post("/encode", content=before + PHOTOS[kind])
         assert (answer.status_code, answer.headers["content-type"]) == (415, "application/problem+json")
 
 
-def test_an_archive_behind_an_image_is_not_opened(client: httpx.Client) -> None:
+def test_encode_of_an_image_before_an_archive_ignores_the_archive(client: httpx.Client) -> None:
     assert client.post("/encode", content=_archive(PHOTOS["PNG"])).status_code == 201
     assert client.post("/objects", content=_archive(b"")).status_code == 400
 
@@ -134,14 +136,14 @@ def _form(disposition: bytes, *fields: bytes) -> bytes:
     ],
     ids=["one field", "many fields", "name", "options", "escapes", "boundaries", "no end"],
 )
-def test_giant_headers_of_a_form_are_refused_or_passed_over(client: httpx.Client, body: bytes) -> None:
+def test_form_with_giant_headers_is_refused_or_they_are_ignored(client: httpx.Client, body: bytes) -> None:
     answer = client.post("/encode", content=body, headers=FORM)
     assert answer.status_code in (201, 400, 413, 422)
     assert len(answer.content) < 2_000
 
 
 @pytest.mark.parametrize("boundary", ["", "a" * 60_000, '"', "\\", "*=utf-8''%00", "xyz; boundary=abc"], ids=shortly)
-def test_an_odd_boundary_is_a_malformed_form(client: httpx.Client, boundary: str) -> None:
+def test_form_with_an_odd_boundary_is_malformed(client: httpx.Client, boundary: str) -> None:
     headers = {"Content-Type": f"multipart/form-data; boundary={boundary}"}
     answer = client.post("/encode", content=_form(b'name="image"'), headers=headers)
     assert (answer.status_code, answer.headers["content-type"]) == (400, "application/problem+json")
@@ -150,7 +152,7 @@ def test_an_odd_boundary_is_a_malformed_form(client: httpx.Client, boundary: str
 @pytest.mark.parametrize(
     "name", ["../../etc/passwd", "a\r\nSet-Cookie: x=y", "\0.png", "%0d%0aX-A: b", "\U0001f4a3" * 50]
 )
-def test_a_file_name_is_not_used(client: httpx.Client, name: str) -> None:
+def test_form_file_name_is_ignored(client: httpx.Client, name: str) -> None:
     answer = client.post("/encode", files={"image": (name, PHOTOS["PNG"], "image/png")})
     assert answer.status_code == 201
     assert not {"set-cookie", "x-a"} & set(answer.headers)
@@ -163,7 +165,7 @@ DEEP = [b"[" * 16_000, b'{"objects":' * 1_400, b'{"objects":[' + b"[" * 8_000 + 
 
 @pytest.mark.parametrize("body", DEEP, ids=["lists", "objects", "closed"])
 @pytest.mark.parametrize("path", ["/compose", "/v2/models/tiny-k2/infer", "/objects"])
-def test_deep_json_is_refused(client: httpx.Client, path: str, body: bytes) -> None:
+def test_json_body_nested_too_deeply_is_refused(client: httpx.Client, path: str, body: bytes) -> None:
     if path == "/objects":  # the header of a weights file
         body = len(body).to_bytes(8, "little") + body
     answer = client.post(path, content=body)
@@ -173,25 +175,25 @@ def test_deep_json_is_refused(client: httpx.Client, path: str, body: bytes) -> N
 
 
 @pytest.mark.parametrize("number", ["NaN", "Infinity", "-Infinity", "1e999"])
-def test_numbers_that_are_none_are_refused(client: httpx.Client, number: str) -> None:
+def test_number_that_is_not_finite_is_refused(client: httpx.Client, number: str) -> None:
     shape = [1, 3, 32, 32]
     body = json.dumps({"inputs": [{"name": "image", "datatype": "FP32", "shape": shape, "data": [0.5] * 3_072}]})
     tensor = client.post("/v2/models/tiny-k2/infer", content=body.replace("0.5", number, 1))
     assert tensor.status_code in (400, 422)
     for member in ("objects", "mode"):
         assert client.post("/compose", content=f'{{"{member}": {number}}}').status_code in (400, 422)
-    made = client.post("/encode", content=PHOTOS["PNG"]).json()
+    item = client.post("/encode", content=PHOTOS["PNG"]).json()
     for path, field in (("points", "scale"), ("points", "n"), ("mesh", "scale"), ("mesh", "resolution")):
-        check_refused(client.get(f"{made['links'][path]}?{field}={quote(number)}"), field, "")
+        check_refused(client.get(f"{item['links'][path]}?{field}={quote(number)}"), field, "")
     check_refused(client.post(f"/encode?foreground_ratio={number}", content=PHOTOS["PNG"]), "foreground_ratio", "")
 
 
 @pytest.mark.parametrize(
     "n", ["9" * 5_000, "1e3", "0x10", "1_000", "\u0661\u0660", "-0", " 1", "1.0", "+1"], ids=shortly
 )
-def test_odd_integers_are_refused_or_what_they_say(client: httpx.Client, n: str) -> None:
-    made = client.post("/encode", content=PHOTOS["PNG"]).json()
-    answer = client.get(made["links"]["points"], params={"n": n, "format": "f32"})
+def test_integer_parameter_in_odd_notation_is_refused_or_exact(client: httpx.Client, n: str) -> None:
+    item = client.post("/encode", content=PHOTOS["PNG"]).json()
+    answer = client.get(item["links"]["points"], params={"n": n, "format": "f32"})
     assert answer.status_code == 422 or len(answer.content) == 12 * int(n.partition(".")[0])
 
 
@@ -227,7 +229,7 @@ ID = "0" * 32
     ],
     ids=shortly,
 )
-def test_tricks_in_paths_find_nothing(server: Server, path: str) -> None:
+def test_path_with_tricks_reads_no_file(server: Server, path: str) -> None:
     with connect(server) as connection:
         target = path if path.isascii() else quote(path)
         connection.sendall(f"GET {target} HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n".encode())
@@ -239,7 +241,7 @@ def test_tricks_in_paths_find_nothing(server: Server, path: str) -> None:
     assert len(body) < 1_000
 
 
-def test_a_long_path_is_not_logged_whole(real: tuple[str, int], tmp_path_factory: pytest.TempPathFactory) -> None:
+def test_long_path_is_logged_truncated(real: tuple[str, int], tmp_path_factory: pytest.TempPathFactory) -> None:
     url, pid = real
     assert httpx.get(f"{url}/{'a' * 30_000}").status_code == 404
     log = Path(os.readlink(f"/proc/{pid}/fd/2"))
@@ -250,7 +252,7 @@ def test_a_long_path_is_not_logged_whole(real: tuple[str, int], tmp_path_factory
 @pytest.mark.parametrize(
     "name", ["X-Request-ID", "Accept", "If-None-Match", "Accept-Encoding", "Range", "Host", "Origin"]
 )
-def test_a_header_of_a_client_ends_no_header_of_an_answer(server: Server, name: str) -> None:
+def test_client_header_cannot_inject_an_answer_header(server: Server, name: str) -> None:
     for value in (b"a\rX-A: b", b"a\nX-A: b", b"a\0b", b"\xff\xfe", b"a, " * 5_000, b"*/*;q=" + b"9" * 5_000, b""):
         with connect(server) as connection, suppress(ConnectionError):
             connection.sendall(b"GET /model HTTP/1.1\r\nHost: x\r\nConnection: close\r\n")
@@ -277,7 +279,7 @@ def test_a_header_of_a_client_ends_no_header_of_an_answer(server: Server, name: 
     ],
     ids=shortly,
 )
-def test_a_body_of_two_lengths_or_none_is_refused_and_smuggles_nothing(server: Server, head: bytes) -> None:
+def test_body_with_two_lengths_or_none_is_refused_without_smuggling(server: Server, head: bytes) -> None:
     with connect(server) as connection:
         connection.sendall(b"POST /encode HTTP/1.1\r\nHost: x\r\nConnection: close\r\n" + head)
         answer = rest(connection)

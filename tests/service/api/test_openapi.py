@@ -14,13 +14,13 @@ from service.settings import Settings
 COMMITTED = Path(__file__).parents[3] / "openapi.json"
 
 
-def test_the_served_schema_is_the_committed_one_byte_for_byte(client: httpx.Client) -> None:
+def test_schema_served_equals_the_committed_one(client: httpx.Client) -> None:
     answer = client.get("/openapi.json")
     assert answer.headers["content-type"] == "application/json"
     assert answer.content == COMMITTED.read_bytes(), "run `hof openapi > openapi.json`"
 
 
-def test_settings_do_not_change_the_schema() -> None:
+def test_schema_with_other_settings_is_the_same() -> None:
     assert openapi_text(create_app(Settings(max_points=5, max_image_bytes=7))).encode() == COMMITTED.read_bytes()
 
 
@@ -30,7 +30,7 @@ def operations() -> dict[str, dict[str, Any]]:
     return {f"{method.upper()} {path}": each for path, methods in paths.items() for method, each in methods.items()}
 
 
-def test_the_calls_are_those_of_the_contract(operations: dict[str, dict[str, Any]]) -> None:
+def test_schema_lists_the_calls_of_the_contract(operations: dict[str, dict[str, Any]]) -> None:
     assert operations.keys() == {
         "POST /encode",
         "POST /compose",
@@ -55,7 +55,7 @@ def test_the_calls_are_those_of_the_contract(operations: dict[str, dict[str, Any
     }
 
 
-def test_every_error_is_documented_as_a_problem(operations: dict[str, dict[str, Any]]) -> None:
+def test_schema_documents_every_error_as_a_problem(operations: dict[str, dict[str, Any]]) -> None:
     for name, operation in operations.items():
         assert "422" in operation["responses"], name
         for status, response in operation["responses"].items():
@@ -65,7 +65,7 @@ def test_every_error_is_documented_as_a_problem(operations: dict[str, dict[str, 
                 assert content["schema"] == {"$ref": "#/components/schemas/Problem"}
 
 
-def test_what_needs_a_key_says_so(operations: dict[str, dict[str, Any]]) -> None:
+def test_schema_documents_which_calls_need_a_key(operations: dict[str, dict[str, Any]]) -> None:
     open_ = {"GET /health/live", "GET /health/ready", "GET /v2/health/live", "GET /v2/health/ready"}
     assert {name for name, operation in operations.items() if "security" not in operation} == open_
     for name in operations.keys() - open_:
@@ -74,7 +74,7 @@ def test_what_needs_a_key_says_so(operations: dict[str, dict[str, Any]]) -> None
     assert json.loads(COMMITTED.read_text())["components"]["securitySchemes"].keys() == {"bearer", "header"}
 
 
-def test_points_are_documented_with_each_media_type(operations: dict[str, dict[str, Any]]) -> None:
+def test_schema_documents_points_with_each_media_type(operations: dict[str, dict[str, Any]]) -> None:
     content = operations["GET /objects/{id}/points"]["responses"]["200"]["content"]
     assert content.keys() == {
         "model/ply",
@@ -88,7 +88,7 @@ def test_points_are_documented_with_each_media_type(operations: dict[str, dict[s
     }
 
 
-def test_encode_documents_its_body(operations: dict[str, dict[str, Any]]) -> None:
+def test_schema_documents_the_body_of_encode(operations: dict[str, dict[str, Any]]) -> None:
     assert operations["POST /encode"]["requestBody"]["content"].keys() == {
         "multipart/form-data",
         "image/png",
@@ -97,20 +97,20 @@ def test_encode_documents_its_body(operations: dict[str, dict[str, Any]]) -> Non
     }
 
 
-def test_compose_documents_its_body(operations: dict[str, dict[str, Any]]) -> None:
+def test_schema_documents_the_body_of_compose(operations: dict[str, dict[str, Any]]) -> None:
     schema = operations["POST /compose"]["requestBody"]["content"]["application/json"]["schema"]
     assert schema["required"] == ["objects"]
     assert schema["properties"]["mode"]["enum"] == ["compose", "interpolate", "all"]
 
 
-def test_parameters_are_never_null_and_always_described(operations: dict[str, dict[str, Any]]) -> None:
+def test_schema_describes_every_parameter_without_null(operations: dict[str, dict[str, Any]]) -> None:
     for operation in operations.values():
         for parameter in operation.get("parameters", []):
             assert parameter["description"]
             assert "anyOf" not in parameter["schema"], parameter["name"]
 
 
-def test_docs_show_the_schema(client: httpx.Client) -> None:
+def test_docs_page_shows_the_schema(client: httpx.Client) -> None:
     answer = client.get("/docs")
     assert answer.headers["content-type"].startswith("text/html")
     assert "/openapi.json" in answer.text

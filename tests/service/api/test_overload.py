@@ -1,6 +1,5 @@
-"""What is let in is bounded; the rest is told when to come back; probes go on answering."""
+"""Overload: work over the limits answers 429 with Retry-After, and probes go on answering."""
 
-import asyncio
 import socket
 import sqlite3
 import struct
@@ -13,12 +12,9 @@ from pathlib import Path
 import httpx
 import pytest
 
-from service.errors import InvalidModel, InvalidParameter, Overloaded
 from service.formats.weights import Weights, dump
-from service.mapping.cloud import FIRST_PART, PART
 from service.mapping.spec import HOF_1, initial_theta
 from service.runtime import liveness
-from service.runtime.admission import ClientLeft, Gate
 from service.runtime.cost import in_flight
 from service.settings import Settings
 from service.storage import database
@@ -46,7 +42,7 @@ def quick(slow: Server) -> Iterator[httpx.Client]:
         yield client
 
 
-def test_images_over_the_bound_are_refused_and_room_is_given_back(slow: Server, quick: httpx.Client) -> None:
+def test_encode_over_the_image_limit_answers_429_until_room_is_released(slow: Server, quick: httpx.Client) -> None:
     gate = runtime_of(slow).gates.images
     with ThreadPoolExecutor(3) as pool:
         taken = [pool.submit(quick.post, PATH, content=plain(red)) for red in range(3)]
@@ -63,7 +59,9 @@ def test_images_over_the_bound_are_refused_and_room_is_given_back(slow: Server, 
 
 
 @pytest.mark.parametrize("path", [PATH, "/v2/models/tiny-k2/infer"])
-def test_an_image_is_refused_before_its_body_is_read(slow: Server, quick: httpx.Client, path: str) -> None:
+def test_images_with_a_full_gate_are_refused_before_the_body_is_read(
+    slow: Server, quick: httpx.Client, path: str
+) -> None:
     with ThreadPoolExecutor(3) as pool:
         taken = [pool.submit(quick.post, PATH, content=plain(red)) for red in range(3)]
         until(lambda: runtime_of(slow).gates.images.held == 3)
@@ -76,7 +74,9 @@ def test_an_image_is_refused_before_its_body_is_read(slow: Server, quick: httpx.
 
 
 @pytest.mark.parametrize("path", ["/objects", "/compose"])
-def test_work_on_points_is_refused_before_its_body_is_read(slow: Server, quick: httpx.Client, path: str) -> None:
+def test_point_work_with_a_full_gate_is_refused_before_the_body_is_read(
+    slow: Server, quick: httpx.Client, path: str
+) -> None:
     points = quick.post(PATH, content=plain(255, 255)).json()["links"]["points"]
     gate = runtime_of(slow).gates.points
     address = ("127.0.0.1", slow.port)
@@ -92,7 +92,7 @@ def test_work_on_points_is_refused_before_its_body_is_read(slow: Server, quick: 
     assert gate.refused == 1
 
 
-def test_probes_answer_while_every_worker_is_busy(slow: Server, quick: httpx.Client) -> None:
+def test_probes_with_every_worker_busy_answer_200(slow: Server, quick: httpx.Client) -> None:
     with ThreadPoolExecutor(3) as pool:
         taken = [pool.submit(quick.post, PATH, content=plain(red)) for red in range(3)]
         until(lambda: runtime_of(slow).gates.images.held == 3)
@@ -104,7 +104,7 @@ def test_probes_answer_while_every_worker_is_busy(slow: Server, quick: httpx.Cli
             future.result()
 
 
-def test_an_encoder_that_hangs_is_not_ready_and_recovers(
+def test_ready_with_a_hanging_encoder_answers_503_until_it_recovers(
     slow: Server, quick: httpx.Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name, seconds in {"FRESH_S": 0.0, "PROBE_TIMEOUT_S": 0.05, "MAX_SILENCE_S": 0.2}.items():
@@ -119,7 +119,7 @@ def test_an_encoder_that_hangs_is_not_ready_and_recovers(
     until(lambda: quick.get("/health/ready").status_code == 200)
 
 
-def test_a_network_that_fails_for_one_image_harms_no_other(slow: Server, quick: httpx.Client) -> None:
+def test_encode_with_one_failing_image_in_a_batch_fails_that_image_only(slow: Server, quick: httpx.Client) -> None:
     colours = [(0, 0, 255)] + [(255, 255, 0 if index % 2 else 200) for index in range(1, 3)]
     with ThreadPoolExecutor(3) as pool:
         answers = list(pool.map(lambda colour: quick.post(PATH, content=plain(*colour)).status_code, colours))
@@ -128,7 +128,7 @@ def test_a_network_that_fails_for_one_image_harms_no_other(slow: Server, quick: 
     assert (gate.held, gate.finished, gate.failed) == (0, 2, 1)
 
 
-def test_points_over_the_bound_are_refused_until_a_stream_ends(slow: Server, quick: httpx.Client) -> None:
+def test_points_over_the_limit_answer_429_until_the_stream_ends(slow: Server, quick: httpx.Client) -> None:
     path = quick.post(PATH, content=plain(255, 255)).json()["links"]["points"]
     gate = runtime_of(slow).gates.points
     with socket.create_connection(("127.0.0.1", slow.port), timeout=DEADLINE_S) as connection:
@@ -144,7 +144,7 @@ def test_points_over_the_bound_are_refused_until_a_stream_ends(slow: Server, qui
     assert len(quick.get(f"{path}?n=100&format=f32").content) == 1200
 
 
-def test_a_large_function_takes_more_of_the_bound_and_gives_fewer_points(settings: Settings) -> None:
+def test_points_of_a_large_function_cost_more_and_are_limited_lower(settings: Settings) -> None:
     wide = replace(HOF_1, hidden=(3_000,), k=16)  # 23 times the work of the default model
     file = dump(Weights(wide, 0.1 * initial_theta(wide), "m"), "safetensors")
     with (
@@ -164,7 +164,7 @@ def test_a_large_function_takes_more_of_the_bound_and_gives_fewer_points(setting
         check_refused(client.get(f"{path}?n=6956522"), "n", "6956521")
 
 
-def test_a_huge_functions_surface_and_words_are_refused_unless_they_are_few(settings: Settings) -> None:
+def test_mesh_and_compose_of_a_huge_function_are_refused_over_the_limit(settings: Settings) -> None:
     huge = replace(HOF_1, hidden=(28_571,), k=8)  # 111 times the work of the default model
     files = [dump(Weights(huge, 0.001 * initial_theta(huge, seed), "m"), "safetensors") for seed in range(2)]
     limits = {"max_weights_bytes": 1_000_000, "max_points": 300_000}
@@ -182,12 +182,7 @@ def test_a_huge_functions_surface_and_words_are_refused_unless_they_are_few(sett
         assert client.post("/compose", json=word).status_code == 201
 
 
-@pytest.mark.parametrize(("n", "expected"), [(1, FIRST_PART), (50_000, 50_000), (10_000_000, 3 * PART)])
-def test_a_stream_counts_for_what_it_has_at_a_time(n: int, expected: int) -> None:
-    assert in_flight(n, ahead=2) == expected
-
-
-def test_a_store_that_others_keep_is_429_until_they_let_go(
+def test_store_locked_by_another_process_answers_429_until_released(
     settings: Settings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(database, "POOL_TIMEOUT_S", 0.2)
@@ -213,7 +208,7 @@ def test_a_store_that_others_keep_is_429_until_they_let_go(
 
 
 @pytest.mark.filterwarnings("ignore")  # connections that are reset, in the server's thread
-def test_bytes_of_uploads_are_bounded_and_given_back(settings: Settings) -> None:
+def test_uploads_over_the_byte_limit_are_refused_until_bytes_are_released(settings: Settings) -> None:
     with running(settings.model_copy(update={"max_upload_bytes": 250_000})) as server, ExitStack() as stack:
         gates = runtime_of(server).gates
         url = f"http://127.0.0.1:{server.port}{PATH}"
@@ -232,7 +227,7 @@ def test_bytes_of_uploads_are_bounded_and_given_back(settings: Settings) -> None
         assert httpx.post(url, content=iter([plain(255)])).status_code == 200
 
 
-def test_the_number_of_threads_is_bounded(model_path: Path) -> None:
+def test_service_under_load_keeps_its_thread_limit(model_path: Path) -> None:
     with (
         serving(hof(threads=2, model=str(model_path)), others(-1)) as (url, pid),
         httpx.Client(base_url=url, timeout=DEADLINE_S) as client,
@@ -240,58 +235,8 @@ def test_the_number_of_threads_is_bounded(model_path: Path) -> None:
     ):
 
         def visit(index: int) -> int:
-            made = client.post(PATH, content=plain(index)).json()
-            assert client.get(made["links"]["points"], params={"n": 20_000}).status_code == 200
+            item = client.post(PATH, content=plain(index)).json()
+            assert client.get(item["links"]["points"], params={"n": 20_000}).status_code == 200
             return threads(pid)
 
         assert max(pool.map(visit, range(64))) <= 8 + 4 * 2  # as the README says
-
-
-def test_an_empty_gate_lets_anything_in_and_a_full_one_nothing() -> None:
-    gate = Gate("points", 10)
-    with gate.admit(25):
-        for amount in (1, 25):
-            with pytest.raises(Overloaded, match="10 points"), gate.admit(amount):
-                pass
-    with gate.admit(6), gate.admit(4), pytest.raises(Overloaded), gate.admit(1):
-        pass
-    assert (gate.held, gate.finished, gate.refused) == (0, 3, 3)
-
-
-@pytest.mark.parametrize(
-    ("error", "counted"),
-    [
-        (InvalidParameter("no"), "finished"),
-        (InvalidModel("no"), "failed"),
-        (ValueError("no"), "failed"),
-        (ClientLeft(), "cancelled"),
-        (asyncio.CancelledError(), "cancelled"),
-    ],
-)
-def test_however_work_ends_it_is_counted_once(error: BaseException, counted: str) -> None:
-    gate = Gate("images", 1)
-    with pytest.raises(type(error)), gate.admit():
-        raise error
-    counts = {name: getattr(gate, name) for name in ("held", "finished", "cancelled", "failed", "refused")}
-    assert counts == {"held": 0, "finished": 0, "cancelled": 0, "failed": 0, "refused": 0, counted: 1}
-
-
-def test_the_time_to_retry_grows_with_the_queue_and_ends_at_a_minute(monkeypatch: pytest.MonkeyPatch) -> None:
-    now = 0.0
-    monkeypatch.setattr("service.runtime.admission.time.monotonic", lambda: now)
-    gate = Gate("images", 20)
-
-    def told(held: int) -> int:
-        with ExitStack() as stack:
-            for _ in range(held):
-                stack.enter_context(gate.admit())
-            with pytest.raises(Overloaded) as caught, gate.admit(20):
-                pass
-            gate._last_left = now  # what follows leaves at once
-        return caught.value.retry_after_s
-
-    assert told(1) == 1
-    for _ in range(200):  # one at a time, two seconds each
-        with gate.admit():
-            now += 2
-    assert told(1) == 2

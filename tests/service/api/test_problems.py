@@ -19,7 +19,7 @@ def _classes(root: type[errors.HofError] = errors.HofError) -> Iterator[type[err
 
 
 def _answer(error: Exception) -> httpx.Response:
-    """What an application answers whose one call raises."""
+    """Answer of an application whose one call raises."""
     app = FastAPI()
     problems.install(app)
 
@@ -36,7 +36,7 @@ def _answer(error: Exception) -> httpx.Response:
 
 
 @pytest.mark.parametrize("kind", list(_classes()), ids=lambda kind: kind.__name__)
-def test_every_error_of_ours_has_its_status(kind: type[errors.HofError]) -> None:
+def test_error_of_every_class_answers_with_its_status(kind: type[errors.HofError]) -> None:
     answer = _answer(kind("the detail", field="name"))
     problem = answer.json()
     assert answer.headers["content-type"] == "application/problem+json"
@@ -51,15 +51,15 @@ def test_every_error_of_ours_has_its_status(kind: type[errors.HofError]) -> None
         assert problem["errors"] == [{"field": "name", "message": "the detail"}]
 
 
-def test_an_error_without_a_field_lists_none() -> None:
+def test_error_without_a_field_lists_no_errors() -> None:
     assert "errors" not in _answer(errors.NotFound("x")).json()
 
 
-def test_not_ready_says_when_to_come_again() -> None:
+def test_not_ready_answers_with_retry_after() -> None:
     assert _answer(errors.NotReady("x")).headers["retry-after"] == "1"
 
 
-def test_the_unexpected_gives_nothing_away() -> None:
+def test_unexpected_exception_answers_500_without_details() -> None:
     answer = _answer(RuntimeError("/secret/path"))
     assert (answer.status_code, answer.headers["content-type"]) == (500, "application/problem+json")
     assert answer.json() == {
@@ -71,7 +71,7 @@ def test_the_unexpected_gives_nothing_away() -> None:
     }
 
 
-def test_a_fault_in_the_store_gives_no_path_away_and_is_logged(
+def test_store_fault_answers_500_without_a_path_and_is_logged(
     client: httpx.Client, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     async def broken(*_: object) -> None:
@@ -87,7 +87,7 @@ def test_a_fault_in_the_store_gives_no_path_away_and_is_logged(
 
 
 @pytest.mark.parametrize(("method", "path"), [("GET", "/nope"), ("GET", "/objects/"), ("POST", "/encode/x")])
-def test_unknown_routes(client: httpx.Client, method: str, path: str) -> None:
+def test_unknown_route_answers_404(client: httpx.Client, method: str, path: str) -> None:
     answer = client.request(method, path)
     assert (answer.status_code, answer.headers["content-type"]) == (404, "application/problem+json")
     assert answer.json()["title"] == "Not Found"
@@ -104,24 +104,26 @@ def test_unknown_routes(client: httpx.Client, method: str, path: str) -> None:
         ("POST", "/health/live", "GET, HEAD"),
     ],
 )
-def test_wrong_methods_learn_the_right_ones(client: httpx.Client, method: str, path: str, allow: str) -> None:
+def test_wrong_method_answers_405_with_the_allowed_ones(
+    client: httpx.Client, method: str, path: str, allow: str
+) -> None:
     answer = client.request(method, path)
     assert (answer.status_code, answer.headers["allow"]) == (405, allow)
     assert answer.headers["content-type"] == "application/problem+json"
 
 
 @pytest.mark.parametrize("path", ["/health/live", "/health/ready", "/model", "/objects"])
-def test_unknown_parameters_are_named(client: httpx.Client, path: str) -> None:
+def test_unknown_parameter_is_refused_by_name(client: httpx.Client, path: str) -> None:
     answer = client.get(f"{path}?nope=1")
     assert answer.status_code == 422
     assert {"field": "nope", "message": "unknown parameter"} in answer.json()["errors"]
 
 
-def test_a_faulty_value_is_not_echoed(client: httpx.Client) -> None:
+def test_faulty_value_is_not_repeated_in_the_answer(client: httpx.Client) -> None:
     assert "<script>" not in client.get("/objects?limit=<script>").text
 
 
-def test_a_parameter_may_be_given_once(client: httpx.Client) -> None:
+def test_repeated_parameter_is_refused(client: httpx.Client) -> None:
     answer = client.get("/objects?limit=1&limit=2&limit=3")
     assert (answer.status_code, answer.headers["content-type"]) == (422, "application/problem+json")
     assert answer.json()["errors"] == [{"field": "limit", "message": "a parameter may be given once"}]

@@ -18,7 +18,7 @@ EXAMPLES, SEED = 15, 1
 RUN_TIMEOUT_S = 580
 
 
-def test_the_service_does_what_its_schema_says(model_path: Path, tmp_path: Path) -> None:
+def test_service_under_schemathesis_conforms_to_its_schema(model_path: Path, tmp_path: Path) -> None:
     command = [str(Path(sys.executable).with_name("st")), "run", "--checks", "all", "--continue-on-failure"]
     limits = ["--max-examples", str(EXAMPLES), "--seed", str(SEED), "--no-shrink"]
     with hof_serve(tmp_path, model_path, "--log-level", "info") as (url, process):

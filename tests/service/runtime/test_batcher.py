@@ -59,7 +59,7 @@ async def _schedule(batcher: Batcher, seed: int) -> None:
     await asyncio.gather(*(one(index) for index in range(dice.randrange(1, 3 * MAX_BATCH))))
 
 
-def test_no_schedule_leaves_an_image_behind_or_mixes_two_up() -> None:
+def test_batcher_under_any_schedule_answers_every_image_with_its_own() -> None:
     async def all_schedules(executor: ThreadPoolExecutor) -> int:
         batcher = _batcher(executor)
         for seed in range(SCHEDULES):
@@ -71,7 +71,7 @@ def test_no_schedule_leaves_an_image_behind_or_mixes_two_up() -> None:
         assert asyncio.run(all_schedules(executor)) > SCHEDULES
 
 
-def test_those_that_wait_share_a_call_and_those_that_left_are_in_none() -> None:
+def test_batcher_with_waiting_images_shares_a_call_without_those_that_left() -> None:
     async def scenario(executor: ThreadPoolExecutor) -> tuple[int, int]:
         batcher = _batcher(executor)
         busy = threading.Event()
@@ -88,7 +88,7 @@ def test_those_that_wait_share_a_call_and_those_that_left_are_in_none() -> None:
         assert asyncio.run(scenario(executor)) == (MAX_BATCH, 1)
 
 
-def test_an_executor_that_is_shut_down_fails_its_images_rather_than_keeping_them() -> None:
+def test_batcher_with_a_closed_executor_fails_its_images() -> None:
     async def scenario() -> None:
         executor = ThreadPoolExecutor(1)
         executor.shutdown()
@@ -101,7 +101,7 @@ def test_an_executor_that_is_shut_down_fails_its_images_rather_than_keeping_them
     asyncio.run(scenario())
 
 
-def test_a_theta_is_the_same_in_any_company() -> None:
+def test_batcher_in_any_batch_gives_the_same_theta() -> None:
     encoder = Encoder.open(SHIPPED_MODEL, 1)
     size = encoder.framing.size
     images = np.random.default_rng(0).random((MAX_BATCH, 3, size, size), np.float32)

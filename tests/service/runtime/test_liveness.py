@@ -1,4 +1,4 @@
-"""Whether a part works, where its pings fail or hang. The parts of a real service: test_health.py."""
+"""Liveness of a part whose pings fail or hang. The parts of a real service are in test_health.py."""
 
 import asyncio
 import math
@@ -25,7 +25,7 @@ async def _hang() -> None:
 
 
 @pytest.mark.parametrize(
-    ("pings", "told"),
+    ("pings", "expected"),
     [
         ([_answer], [True]),
         ([_fail], [False]),
@@ -35,14 +35,14 @@ async def _hang() -> None:
         ([_fail, _hang, _answer], [False, False, False]),
     ],
 )
-def test_a_part_is_believed_as_long_as_its_last_answer_was_good(
-    pings: list[Ping], told: list[bool], monkeypatch: pytest.MonkeyPatch
+def test_liveness_probe_trusts_a_part_whose_last_answer_succeeded(
+    pings: list[Ping], expected: list[bool], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(liveness, "PROBE_TIMEOUT_S", 0.01)
     coming = iter(pings)
 
     async def ask() -> list[bool]:
         part = LivenessProbe(lambda: next(coming)(), lambda: -math.inf)
-        return [await part.is_alive() for _ in told]
+        return [await part.is_alive() for _ in expected]
 
-    assert asyncio.run(ask()) == told
+    assert asyncio.run(ask()) == expected

@@ -30,9 +30,9 @@ def keys_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def tokens(keys_file: Path) -> dict[str, str]:
     """Keys by name, which the file has."""
-    made = {name: make_key(name, frozenset(scopes)) for name, scopes in SCOPES.items()}
-    keys_file.write_text("# ours\n\n" + "".join(f"{key.line}\n" for _, key in made.values()))
-    return {name: token for name, (token, _) in made.items()}
+    pairs = {name: make_key(name, frozenset(scopes)) for name, scopes in SCOPES.items()}
+    keys_file.write_text("# ours\n\n" + "".join(f"{key.line}\n" for _, key in pairs.values()))
+    return {name: token for name, (token, _) in pairs.items()}
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +48,7 @@ def _bearer(token: str) -> dict[str, str]:
     return {"Authorization": f"Bearer {token}"}
 
 
-def test_a_call_without_a_known_key_is_told_how(keyed: httpx.Client, tokens: dict[str, str]) -> None:
+def test_call_without_a_valid_key_answers_401_with_instructions(keyed: httpx.Client, tokens: dict[str, str]) -> None:
     wrong = tokens["reader"][:-1] + ("A" if tokens["reader"][-1] != "A" else "B")
     faulty: list[dict[str, str]] = [
         {},
@@ -81,7 +81,7 @@ def test_a_call_without_a_known_key_is_told_how(keyed: httpx.Client, tokens: dic
         ("prometheus", "GET", "/model", 403),
     ],
 )
-def test_a_key_does_what_its_scopes_allow(
+def test_call_with_a_key_is_allowed_by_its_scopes_only(
     keyed: httpx.Client, tokens: dict[str, str], name: str, method: str, path: str, status: int
 ) -> None:
     for headers in (_bearer(tokens[name]), {"X-API-Key": tokens[name]}, {"Authorization": f"bearer  {tokens[name]}"}):
@@ -96,11 +96,11 @@ def test_a_key_does_what_its_scopes_allow(
 @pytest.mark.parametrize(
     "path", ["/", "/docs", "/openapi.json", "/viewer/main.js", "/health/live", "/health/ready", "/v2/health/ready"]
 )
-def test_probes_and_pages_need_no_key(keyed: httpx.Client, path: str) -> None:
+def test_probes_and_pages_without_a_key_answer_200(keyed: httpx.Client, path: str) -> None:
     assert keyed.get(path).status_code == 200
 
 
-def test_a_refusal_comes_before_the_body(keyed: httpx.Client, tokens: dict[str, str]) -> None:
+def test_refusal_of_a_large_body_comes_before_the_body_and_closes(keyed: httpx.Client, tokens: dict[str, str]) -> None:
     for header, status in (("X: y", b"401"), (f"X-API-Key: {tokens['reader']}", b"403")):
         for body in ("Content-Length: 10000000", "Transfer-Encoding: chunked"):
             with socket.create_connection((keyed.base_url.host, keyed.base_url.port or 0), timeout=60) as slow:
@@ -114,7 +114,7 @@ def test_a_refusal_comes_before_the_body(keyed: httpx.Client, tokens: dict[str, 
             assert b"connection: close" in answer.lower()
 
 
-def test_a_refused_small_body_does_not_cost_the_connection(keyed: httpx.Client) -> None:
+def test_refusal_of_a_small_body_keeps_the_connection(keyed: httpx.Client) -> None:
     address = (keyed.base_url.host, keyed.base_url.port or 0)
     with socket.create_connection(address, timeout=60) as connection:
         for _ in range(2):
@@ -128,7 +128,7 @@ def test_a_refused_small_body_does_not_cost_the_connection(keyed: httpx.Client) 
         assert connection.recv(1) == b""  # a larger one is not taken
 
 
-def test_no_cache_gives_one_clients_points_to_another(
+def test_points_with_a_key_are_not_shared_between_clients_by_caches(
     keyed: httpx.Client, tokens: dict[str, str], photo: bytes
 ) -> None:
     link = keyed.post("/encode", content=photo, headers=_bearer(tokens["writer"])).json()["links"]["points"]
@@ -137,7 +137,7 @@ def test_no_cache_gives_one_clients_points_to_another(
     assert {"Authorization", "X-API-Key", "Accept"} <= set(answer.headers["vary"].split(", "))
 
 
-def test_metrics_need_no_key_unless_it_is_asked_for(
+def test_metrics_without_the_key_setting_need_no_key(
     settings: Settings, keys_file: Path, tokens: dict[str, str]
 ) -> None:
     with running(settings.model_copy(update={"api_keys_file": keys_file})) as server:
@@ -146,18 +146,16 @@ def test_metrics_need_no_key_unless_it_is_asked_for(
         assert httpx.get(f"{address}/objects").status_code == 401
 
 
-def test_hof_key_shows_the_key_once_and_prints_what_is_stored(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_hof_key_shows_the_token_once_and_prints_its_entry(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["key", "shop", "--scope", "write", "--scope", "read"]) == 0
     captured = capsys.readouterr()
     token = captured.err.split()[-1]
     assert re.fullmatch(r"hof_[\w-]{43}", token)
     assert captured.out == f"shop read,write {hashlib.sha256(token.encode()).hexdigest()}\n"
     (tmp_path / "keys").write_text(captured.out)
-    found = Keys.read(tmp_path / "keys").find(token.encode())
-    assert found
-    assert (found.name, sorted(found.scopes)) == ("shop", ["read", "write"])
+    key = Keys.read(tmp_path / "keys").find(token.encode())
+    assert key
+    assert (key.name, sorted(key.scopes)) == ("shop", ["read", "write"])
 
 
 @pytest.mark.parametrize(
@@ -173,7 +171,7 @@ def test_hof_key_shows_the_key_once_and_prints_what_is_stored(
         (b"\xff", "is no text"),
     ],
 )
-def test_a_faulty_keys_file_is_refused(tmp_path: Path, content: str | bytes, message: str) -> None:
+def test_keys_file_with_a_fault_is_refused(tmp_path: Path, content: str | bytes, message: str) -> None:
     path = tmp_path / "keys"
     path.write_bytes(content.encode() if isinstance(content, str) else content)
     with pytest.raises(InvalidKeys, match=message) as caught:
@@ -181,7 +179,7 @@ def test_a_faulty_keys_file_is_refused(tmp_path: Path, content: str | bytes, mes
     assert "hof_0123" not in caught.value.detail
 
 
-def test_a_keys_file_that_anyone_may_write_is_refused(tmp_path: Path) -> None:
+def test_keys_file_writable_by_anyone_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "keys"
     path.write_text(f"a read {DIGEST}\n")
     assert len(Keys.read(path)) == 1
@@ -190,9 +188,11 @@ def test_a_keys_file_that_anyone_may_write_is_refused(tmp_path: Path) -> None:
         Keys.read(path)
 
 
-def test_a_rate_is_kept_by_key_and_told(settings: Settings, keys_file: Path, tokens: dict[str, str]) -> None:
-    given = settings.model_copy(update={"api_keys_file": keys_file, "rate_limit": "3/month"})
-    with running(given) as server, httpx.Client(base_url=f"http://127.0.0.1:{server.port}") as client:
+def test_rate_limit_with_keys_counts_by_key_and_is_reported(
+    settings: Settings, keys_file: Path, tokens: dict[str, str]
+) -> None:
+    changed = settings.model_copy(update={"api_keys_file": keys_file, "rate_limit": "3/month"})
+    with running(changed) as server, httpx.Client(base_url=f"http://127.0.0.1:{server.port}") as client:
         for left in (2, 1, 0):
             answer = client.get("/objects", headers=_bearer(tokens["reader"]))
             assert answer.status_code == 200
@@ -209,7 +209,7 @@ def test_a_rate_is_kept_by_key_and_told(settings: Settings, keys_file: Path, tok
         assert 'hof_http_unserved_total{reason="limited"} 1.0' in client.get("/metrics").text
 
 
-def test_without_keys_a_rate_is_kept_by_address(settings: Settings) -> None:
+def test_rate_limit_without_keys_counts_by_address(settings: Settings) -> None:
     with running(settings.model_copy(update={"rate_limit": "1/month"})) as server:
         address = f"http://127.0.0.1:{server.port}/objects"
         assert [httpx.get(address).status_code for _ in range(2)] == [200, 429]
@@ -218,9 +218,9 @@ def test_without_keys_a_rate_is_kept_by_address(settings: Settings) -> None:
             assert elsewhere.get(address).status_code == 200
 
 
-def test_a_client_that_waits_as_it_is_told_is_served_again(settings: Settings) -> None:
-    given = settings.model_copy(update={"rate_limit": "2 per 3 second"})
-    with running(given) as server, httpx.Client(base_url=f"http://127.0.0.1:{server.port}") as client:
+def test_rate_limit_after_the_retry_time_admits_the_client(settings: Settings) -> None:
+    changed = settings.model_copy(update={"rate_limit": "2 per 3 second"})
+    with running(changed) as server, httpx.Client(base_url=f"http://127.0.0.1:{server.port}") as client:
         refused = next(answer for _ in range(100) if (answer := client.get("/objects")).status_code == 429)
         time.sleep(int(refused.headers["retry-after"]))
         assert client.get("/objects").status_code == 200

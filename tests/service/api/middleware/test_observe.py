@@ -1,4 +1,4 @@
-"""What a service tells of its requests: ids, and figures whose series do not grow."""
+"""Observation of requests: ids, and metrics whose series do not grow."""
 
 import re
 import socket
@@ -20,7 +20,7 @@ def figures(client: httpx.Client) -> dict[tuple[str, ...], float]:
     return {(s.name, *s.labels.values()): s.value for family in families for s in family.samples}
 
 
-def test_series_are_as_many_as_routes_whatever_is_asked_for(client: httpx.Client) -> None:
+def test_metrics_series_for_any_path_grow_with_routes_only(client: httpx.Client) -> None:
     def ask() -> None:
         client.get(f"/objects/{uuid.uuid4().hex}")
         client.get(f"/objects/{uuid.uuid4().hex}/points")
@@ -39,7 +39,7 @@ def test_series_are_as_many_as_routes_whatever_is_asked_for(client: httpx.Client
     assert after["hof_http_requests_total", "GET", "unknown", "404"] == 52
 
 
-def test_ten_thousand_ids_have_one_template() -> None:
+def test_templates_of_ten_thousand_ids_give_one_template() -> None:
     templates = Templates(["/", "/objects", "/objects/{id}", "/objects/{id}/points", "/viewer/{path:path}"])
     assert {templates.of(f"/objects/{index:032x}") for index in range(10_000)} == {"/objects/{id}"}
     assert {templates.of(f"/{index:032x}") for index in range(10_000)} == {None}
@@ -49,7 +49,7 @@ def test_ten_thousand_ids_have_one_template() -> None:
     assert templates.of("/viewer/a/b.js") == "/viewer/{path:path}"
 
 
-def test_waiting_and_computing_are_told_apart(client: httpx.Client, photo: bytes) -> None:
+def test_metrics_of_a_request_separate_waiting_from_computing(client: httpx.Client, photo: bytes) -> None:
     before = figures(client)
     link = client.post("/encode", content=photo).json()["links"]["points"]
     encoded = figures(client)
@@ -64,20 +64,22 @@ def test_waiting_and_computing_are_told_apart(client: httpx.Client, photo: bytes
     assert sampled["hof_http_requests_total", "POST", "/encode", "201"] == 1
 
 
-def test_a_client_that_leaves_is_counted_as_such(server: Server, client: httpx.Client, photo: bytes) -> None:
+def test_metrics_of_a_client_that_leaves_count_it_as_cancelled(
+    server: Server, client: httpx.Client, photo: bytes
+) -> None:
     link = client.post("/encode", content=photo).json()["links"]["points"]
     with socket.create_connection(("127.0.0.1", server.port)) as leaver:
         leaver.sendall(f"GET {link}?n=10000000 HTTP/1.1\r\nHost: x\r\n\r\n".encode())
         assert leaver.recv(100).startswith(b"HTTP/1.1 200 OK")
     left = ("hof_http_requests_total", "GET", "/objects/{id}/points", "499")
-    while left not in (told := figures(client)):
+    while left not in (values := figures(client)):
         pass
-    assert told[left] == told["hof_http_unserved_total", "cancelled"] == 1
-    assert told["hof_http_unserved_total", "failed"] == 0
-    assert ("hof_http_requests_total", "GET", "/objects/{id}/points", "200") not in told
+    assert values[left] == values["hof_http_unserved_total", "cancelled"] == 1
+    assert values["hof_http_unserved_total", "failed"] == 0
+    assert ("hof_http_requests_total", "GET", "/objects/{id}/points", "200") not in values
 
 
-def test_a_fault_is_counted_and_answered_with_the_requests_id(
+def test_fault_is_counted_and_answered_with_the_request_id(
     client: httpx.Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def broken(*_: object) -> None:
@@ -94,29 +96,29 @@ def test_a_fault_is_counted_and_answered_with_the_requests_id(
 @pytest.mark.parametrize(
     "path", ["/", "/objects", "/objects/x", "/nope", "/viewer/main.js", "/health/live", "/metrics"]
 )
-def test_every_answer_has_an_id(client: httpx.Client, path: str) -> None:
+def test_request_id_is_on_every_answer(client: httpx.Client, path: str) -> None:
     assert client.get(path, headers={"X-Request-ID": "a-1_2.3:4"}).headers["x-request-id"] == "a-1_2.3:4"
-    made = [client.get(path).headers["x-request-id"] for _ in range(2)]
-    assert made[0] != made[1]
-    assert all(re.fullmatch("[0-9a-f]{32}", each) for each in made)
+    ids = [client.get(path).headers["x-request-id"] for _ in range(2)]
+    assert ids[0] != ids[1]
+    assert all(re.fullmatch("[0-9a-f]{32}", each) for each in ids)
 
 
 @pytest.mark.parametrize("odd", ["", "a b", "<script>", "x" * 129, "a\tb", "é".encode().decode("latin-1")])
-def test_an_odd_id_is_replaced(client: httpx.Client, odd: str) -> None:
+def test_request_id_that_is_unsafe_is_replaced(client: httpx.Client, odd: str) -> None:
     answer = client.get("/health/live", headers={b"X-Request-ID": odd.encode("latin-1")})
     assert re.fullmatch("[0-9a-f]{32}", answer.headers["x-request-id"])
 
 
-def test_metrics_come_as_openmetrics_where_asked_for(client: httpx.Client) -> None:
+def test_metrics_with_accept_openmetrics_answer_openmetrics(client: httpx.Client) -> None:
     assert client.get("/metrics").headers["content-type"].startswith("text/plain")
-    asked = client.get("/metrics", headers={"Accept": "application/openmetrics-text; version=1.0.0"})
-    assert asked.headers["content-type"].startswith("application/openmetrics-text")
-    assert asked.text.endswith("# EOF\n")
+    answer = client.get("/metrics", headers={"Accept": "application/openmetrics-text; version=1.0.0"})
+    assert answer.headers["content-type"].startswith("application/openmetrics-text")
+    assert answer.text.endswith("# EOF\n")
 
 
-def test_build_and_process_are_told(client: httpx.Client) -> None:
-    told = figures(client)
-    assert any(name[0] == "hof_build_info" for name in told)
-    assert told["process_resident_memory_bytes",] > 0
+def test_metrics_include_build_and_process(client: httpx.Client) -> None:
+    values = figures(client)
+    assert any(name[0] == "hof_build_info" for name in values)
+    assert values["process_resident_memory_bytes",] > 0
     client.post("/encode", content=image_file(disc("blue")))
-    assert told["hof_http_unserved_total", "shed"] == 0
+    assert values["hof_http_unserved_total", "shed"] == 0

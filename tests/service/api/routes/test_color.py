@@ -34,20 +34,20 @@ def _import(client: httpx.Client, seed: int, color: Array | None, spec: MappingS
     return client.post("/objects", content=dump(weights, "safetensors"))
 
 
-def _weights(client: httpx.Client, made: dict[str, Any]) -> Weights:
-    return load(client.get(made["links"]["weights"]).content)
+def _weights(client: httpx.Client, item: dict[str, Any]) -> Weights:
+    return load(client.get(item["links"]["weights"]).content)
 
 
-def _file(client: httpx.Client, made: dict[str, Any], name: str = "json", **query: int | str) -> bytes:
-    return file_of(client, made, "points", **{"format": name, "n": N, **query})
+def _file(client: httpx.Client, item: dict[str, Any], name: str = "json", **query: int | str) -> bytes:
+    return file_of(client, item, "points", **{"format": name, "n": N, **query})
 
 
-def _colors(client: httpx.Client, made: dict[str, Any], **query: int | str) -> Colors:
-    return np.array(json.loads(_file(client, made, "json", **query))["colors"], np.uint8)
+def _colors(client: httpx.Client, item: dict[str, Any], **query: int | str) -> Colors:
+    return np.array(json.loads(_file(client, item, "json", **query))["colors"], np.uint8)
 
 
 def _values(weights: Array, n: int = N, seed: int = 0) -> Array:
-    """What a colour function gives at the canonical points: sRGB in [0, 1]."""
+    """Values of a color function at the canonical points: sRGB in [0, 1]."""
     return np.clip(apply(SPEC, weights, canonical_points(SPEC.domain, n, seed)), 0, 1)
 
 
@@ -65,30 +65,30 @@ def _random_color(seed: int) -> Array:
 # What an object in colour gives
 
 
-def test_colours_are_those_of_the_colour_function_at_the_canonical_points(colored: httpx.Client) -> None:
-    made = encoded(colored)
-    color = _weights(colored, made).color
+def test_points_with_color_are_those_of_the_color_function(colored: httpx.Client) -> None:
+    item = encoded(colored)
+    color = _weights(colored, item).color
     assert color
     expected = _values(color.weights, seed=7)
     assert (expected == 0).any() or (expected == 1).any()  # some are clipped
     assert expected.std() > 0.1
-    _assert_close(_colors(colored, made, seed=7), expected)
+    _assert_close(_colors(colored, item, seed=7), expected)
 
 
-def test_other_programs_read_the_same_colours_of_every_format(colored: httpx.Client, tmp_path: Path) -> None:
-    made = encoded(colored)
-    told = json.loads(_file(colored, made))
-    points, colors = np.float32(told["points"]), np.array(told["colors"], np.uint8)
+def test_points_with_color_in_every_format_read_back_equal(colored: httpx.Client, tmp_path: Path) -> None:
+    item = encoded(colored)
+    content = json.loads(_file(colored, item))
+    points, colors = np.float32(content["points"]), np.array(content["colors"], np.uint8)
     assert len(np.unique(colors, axis=0)) > 100
-    ply = trimesh.load(io.BytesIO(_file(colored, made, "ply")), file_type="ply")
+    ply = trimesh.load(io.BytesIO(_file(colored, item, "ply")), file_type="ply")
     np.testing.assert_array_equal(np.float32(ply.vertices), points)
     np.testing.assert_array_equal(ply.colors[:, :3], colors)
-    _, _, body = _file(colored, made, "pcd").partition(b"DATA binary\n")
+    _, _, body = _file(colored, item, "pcd").partition(b"DATA binary\n")
     rows = np.frombuffer(body, np.dtype([("point", "<f4", 3), ("bgr", "u1", 3), ("zero", "u1")]))
     np.testing.assert_array_equal(rows["point"], points)
     np.testing.assert_array_equal(rows["bgr"][:, ::-1], colors)
     for name in ("glb", "gltf"):
-        data = _file(colored, made, name)
+        data = _file(colored, item, name)
         assert check_valid(data, tmp_path)["info"]["totalVertexCount"] == N
         (cloud,) = trimesh.load_scene(io.BytesIO(data), file_type=name).geometry.values()
         np.testing.assert_array_equal(np.float32(cloud.vertices), points)
@@ -100,7 +100,7 @@ def test_other_programs_read_the_same_colours_of_every_format(colored: httpx.Cli
 
 @pytest.mark.parametrize("name", ["ply", "npy", "glb", "gltf", "pcd", "f32", "f16"])
 @pytest.mark.parametrize("n", [1, 1000, N])
-def test_lengths_are_exact_and_head_tells_them(colored: httpx.Client, name: str, n: int) -> None:
+def test_head_of_colored_points_has_the_exact_length(colored: httpx.Client, name: str, n: int) -> None:
     link = encoded(colored)["links"]["points"]
     query: dict[str, int | str] = {"format": name, "n": n}
     got, head = colored.get(link, params=query), colored.head(link, params=query)
@@ -108,25 +108,25 @@ def test_lengths_are_exact_and_head_tells_them(colored: httpx.Client, name: str,
 
 
 @pytest.mark.parametrize("name", POINT_FORMATS)
-def test_color_none_gives_the_file_of_a_model_without_colour(
+def test_points_with_color_none_equal_those_without_color(
     client: httpx.Client, colored: httpx.Client, name: str
 ) -> None:
     holds_color = POINT_FORMATS[name].colored is not None
     check_none_leaves_colour_out(client, colored, "points", holds_color, format=name, n=N)
 
 
-def test_any_part_of_a_cloud_has_the_same_colours(colored: httpx.Client) -> None:
-    made = encoded(colored)
-    colors = _colors(colored, made, n=100_000, seed=3)
+def test_points_of_any_part_have_the_same_colors(colored: httpx.Client) -> None:
+    item = encoded(colored)
+    colors = _colors(colored, item, n=100_000, seed=3)
     for n in (1, FIRST_PART, FIRST_PART + 1, 70_000):
-        np.testing.assert_array_equal(_colors(colored, made, n=n, seed=3), colors[:n])
+        np.testing.assert_array_equal(_colors(colored, item, n=n, seed=3), colors[:n])
         np.testing.assert_array_equal(
-            _colors(colored, made, n=min(n, 50_000), seed=3, offset=20_001), colors[20_001:][: min(n, 50_000)]
+            _colors(colored, item, n=min(n, 50_000), seed=3, offset=20_001), colors[20_001:][: min(n, 50_000)]
         )
-    assert len(_colors(colored, made, n=100, sampling="sobol")) == 100
+    assert len(_colors(colored, item, n=100, sampling="sobol")) == 100
 
 
-def test_colour_is_part_of_the_etag(colored: httpx.Client) -> None:
+def test_etag_differs_with_color(colored: httpx.Client) -> None:
     link = encoded(colored)["links"]["points"]
     tags = [colored.head(f"{link}?color={color}").headers["etag"] for color in ("auto", "none")]
     assert len(set(tags)) == 2
@@ -134,26 +134,26 @@ def test_colour_is_part_of_the_etag(colored: httpx.Client) -> None:
     assert colored.get(link, headers={"If-None-Match": tags[1]}).status_code == 200
 
 
-def test_a_colour_that_there_is_not_is_refused(colored: httpx.Client) -> None:
+def test_points_with_an_unknown_color_value_are_refused(colored: httpx.Client) -> None:
     answer = colored.get(encoded(colored)["links"]["points"], params={"color": "red"})
     assert (answer.status_code, answer.json()["errors"][0]["field"]) == (422, "color")
     assert "'auto' or 'none'" in answer.json()["detail"]
 
 
-# What is told
+# Specs in answers
 
 
-def test_objects_and_the_model_tell_their_colours_spec(colored: httpx.Client, client: httpx.Client) -> None:
+def test_objects_and_model_with_color_show_its_spec(colored: httpx.Client, client: httpx.Client) -> None:
     spec = json.loads(SPEC.to_json())
-    made = encoded(colored)
-    assert made["color"] == colored.get("/model").json()["color"] == spec
-    assert colored.get(made["links"]["self"]).json()["color"] == spec
+    item = encoded(colored)
+    assert item["color"] == colored.get("/model").json()["color"] == spec
+    assert colored.get(item["links"]["self"]).json()["color"] == spec
     assert colored.get("/objects").json()["items"][0]["color"] == spec
     for answer in (encoded(client), client.get("/model").json(), client.get("/objects").json()["items"][0]):
         assert "color" not in answer
 
 
-def test_weights_come_with_those_of_the_colour(colored: httpx.Client) -> None:
+def test_weights_of_a_colored_object_hold_the_color(colored: httpx.Client) -> None:
     kept = colored.post("/encode?include=weights", content=image_file(disc())).json()
     passed = colored.post("/encode?store=false", content=image_file(disc())).json()
     weights = _weights(colored, kept)
@@ -170,14 +170,14 @@ def test_weights_come_with_those_of_the_colour(colored: httpx.Client) -> None:
 # Files
 
 
-def test_a_file_in_colour_comes_back_as_the_same_object(colored: httpx.Client, client: httpx.Client) -> None:
-    made = encoded(colored)
-    file = colored.get(made["links"]["weights"]).content
+def test_import_of_a_colored_file_gives_the_same_object(colored: httpx.Client, client: httpx.Client) -> None:
+    item = encoded(colored)
+    file = colored.get(item["links"]["weights"]).content
     answer = client.post("/objects", content=file)  # of a service whose own model has no colour
     again = answer.json()
-    assert (answer.status_code, again["color"]) == (201, made["color"])
+    assert (answer.status_code, again["color"]) == (201, item["color"])
     assert client.get(again["links"]["weights"]).content == file
-    assert _file(client, again, "ply") == _file(colored, made, "ply")
+    assert _file(client, again, "ply") == _file(colored, item, "ply")
     weights = load(file)
     plain = client.post("/objects", content=dump(Weights(weights.spec, weights.theta, weights.model), "safetensors"))
     assert plain.status_code == 201  # the same theta without its colour is another object
@@ -185,7 +185,7 @@ def test_a_file_in_colour_comes_back_as_the_same_object(colored: httpx.Client, c
     assert "color" not in plain.json()
 
 
-def test_what_cannot_be_a_colour_is_refused(client: httpx.Client) -> None:
+def test_import_of_an_impossible_color_is_refused(client: httpx.Client) -> None:
     huge = np.full(SPEC.size, 3e38, np.float32)
     answer = _import(client, 0, huge)
     assert (answer.status_code, answer.json()["errors"][0]["field"]) == (400, "color")
@@ -195,17 +195,17 @@ def test_what_cannot_be_a_colour_is_refused(client: httpx.Client) -> None:
     assert client.get("/objects").json()["items"] == []
 
 
-def test_the_command_line_gives_the_services_colours(
+def test_hof_sample_of_a_colored_file_gives_the_colors_of_the_service(
     colored: httpx.Client, colored_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    made = encoded(colored)
+    item = encoded(colored)
     photo, file, out = tmp_path / "photo.png", tmp_path / "a.safetensors", tmp_path / "out.ply"
     photo.write_bytes(image_file(disc()))
     assert cli.main(["encode", str(photo), "--model", str(colored_path), "-o", str(file)]) == 0
-    assert file.read_bytes() == colored.get(made["links"]["weights"]).content
+    assert file.read_bytes() == colored.get(item["links"]["weights"]).content
     for color in ("auto", "none"):
         assert cli.main(["sample", str(file), "-o", str(out), "--n", str(N), "--color", color]) == 0
-        assert out.read_bytes() == _file(colored, made, "ply", color=color)
+        assert out.read_bytes() == _file(colored, item, "ply", color=color)
     assert cli.main(["info", str(file)]) == 0
     assert json.loads(capsys.readouterr().out)["color_spec"] == asdict(SPEC) | {"hidden": [8]}
 
@@ -213,52 +213,52 @@ def test_the_command_line_gives_the_services_colours(
 # Words
 
 
-def test_a_word_blends_the_colours_of_its_functions(client: httpx.Client, tmp_path: Path) -> None:
+def test_compose_of_colored_objects_blends_their_colors(client: httpx.Client, tmp_path: Path) -> None:
     colors = [_random_color(seed) for seed in (1, 2)]
     objects = [_import(client, seed, color).json() for seed, color in enumerate(colors)]
-    made = client.post("/compose", json={"objects": [each["id"] for each in objects]}).json()
-    assert made["color"] == objects[0]["color"]
+    item = client.post("/compose", json={"objects": [each["id"] for each in objects]}).json()
+    assert item["color"] == objects[0]["color"]
     expected = (_values(colors[0]) + _values(colors[1])) / 2
     assert np.abs(_values(colors[0]) - _values(colors[1])).max() > 0.2
-    _assert_close(_colors(client, made), expected)
-    np.testing.assert_array_equal(_weights(client, made).functions.color.weights, colors)  # type: ignore[union-attr]
+    _assert_close(_colors(client, item), expected)
+    np.testing.assert_array_equal(_weights(client, item).functions.color.weights, colors)  # type: ignore[union-attr]
     file = tmp_path / "ab.safetensors"
-    file.write_bytes(client.get(made["links"]["weights"]).content)
+    file.write_bytes(client.get(item["links"]["weights"]).content)
     assert cli.main(["sample", str(file), "-o", str(tmp_path / "ab.ply"), "--n", str(N)]) == 0
-    assert (tmp_path / "ab.ply").read_bytes() == _file(client, made, "ply")
+    assert (tmp_path / "ab.ply").read_bytes() == _file(client, item, "ply")
 
 
-def test_functions_without_colour_are_left_out_of_the_mean(client: httpx.Client) -> None:
+def test_compose_with_uncolored_functions_ignores_them_in_the_color(client: httpx.Client) -> None:
     color = _random_color(1)
-    a, b, c = (_import(client, seed, given).json() for seed, given in enumerate((color, None, None)))
+    a, b, c = (_import(client, seed, one).json() for seed, one in enumerate((color, None, None)))
     for word in ((a, b), (b, a)):
-        made = client.post("/compose", json={"objects": [each["id"] for each in word]}).json()
-        assert made["color"] == a["color"]
-        _assert_close(_colors(client, made), _values(color))
-        assert _weights(client, made).functions.color.weights.shape == (1, SPEC.size)  # type: ignore[union-attr]
+        item = client.post("/compose", json={"objects": [each["id"] for each in word]}).json()
+        assert item["color"] == a["color"]
+        _assert_close(_colors(client, item), _values(color))
+        assert _weights(client, item).functions.color.weights.shape == (1, SPEC.size)  # type: ignore[union-attr]
     none = client.post("/compose", json={"objects": [b["id"], c["id"]]}).json()
     assert "color" not in none
     assert "colors" not in json.loads(_file(client, none))
 
 
-def test_a_word_of_one_object_has_its_colours(colored: httpx.Client) -> None:
+def test_compose_of_one_object_has_its_colors(colored: httpx.Client) -> None:
     a, b = encoded(colored, "red"), encoded(colored, "green")
     words = colored.post("/compose", json={"objects": [a["id"], b["id"]], "mode": "all"}).json()["objects"]
     assert _file(colored, words[0], "ply") == _file(colored, a, "ply")
     np.testing.assert_array_equal(_colors(colored, words[1]), _colors(colored, words[2]))  # AB, BA
 
 
-def test_interpolating_averages_the_colours_weights(client: httpx.Client) -> None:
+def test_interpolate_of_colored_objects_averages_color_weights(client: httpx.Client) -> None:
     colors = [_random_color(seed) for seed in (1, 2)]
     ids = [_import(client, seed, color).json()["id"] for seed, color in enumerate([*colors, None])]
-    made = client.post("/compose", json={"objects": ids, "mode": "interpolate"}).json()
-    color = _weights(client, made).color
+    item = client.post("/compose", json={"objects": ids, "mode": "interpolate"}).json()
+    color = _weights(client, item).color
     assert color
     np.testing.assert_allclose(color.weights, np.mean(colors, axis=0), atol=1e-7)
-    _assert_close(_colors(client, made), _values(color.weights))
+    _assert_close(_colors(client, item), _values(color.weights))
 
 
-def test_colours_of_different_specs_make_no_word(client: httpx.Client) -> None:
+def test_compose_with_different_color_specs_is_refused(client: httpx.Client) -> None:
     wide = MappingSpec(SPEC.name, 3, (9,), 3)
     ids = [
         _import(client, 0, _random_color(1)).json()["id"],

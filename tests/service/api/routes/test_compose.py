@@ -24,9 +24,9 @@ UNKNOWN = "0" * 32
 def _post(client: httpx.Client, spec: MappingSpec = SPEC, seed: int = 0, model: str = "m", factor: float = 1) -> str:
     """The id of an imported object."""
     theta = np.float32(factor) * initial_theta(spec, seed)
-    made = client.post("/objects", content=dump(Weights(spec, theta, model), "safetensors"))
-    assert made.status_code in (200, 201), made.text
-    return str(made.json()["id"])
+    answer = client.post("/objects", content=dump(Weights(spec, theta, model), "safetensors"))
+    assert answer.status_code in (200, 201), answer.text
+    return str(answer.json()["id"])
 
 
 def _encode(client: httpx.Client, *colours: str) -> list[str]:
@@ -47,56 +47,56 @@ def _count(client: httpx.Client) -> int:
     return len(client.get("/objects").json()["items"])
 
 
-# What is made
+# Composed and interpolated objects
 
 
-def test_a_word_applies_its_last_function_first(client: httpx.Client) -> None:
+def test_compose_applies_the_last_function_first(client: httpx.Client) -> None:
     ids = [_post(client, seed=seed) for seed in range(3)]
-    made = _compose(client, *ids)
-    composed = made.json()
-    assert (made.status_code, made.headers["location"]) == (201, f"/objects/{composed['id']}")
+    answer = _compose(client, *ids)
+    composed = answer.json()
+    assert (answer.status_code, answer.headers["location"]) == (201, f"/objects/{composed['id']}")
     thetas = [initial_theta(SPEC, seed) for seed in range(3)]
     expected = mapping.compose(SPEC, thetas, canonical_points(SPEC.domain, 300, 0))
     np.testing.assert_allclose(_points(client, composed["id"]), expected, atol=1e-6)
     assert np.abs(_points(client, _compose(client, *ids[::-1]).json()["id"]) - expected).max() > 1e-3
 
 
-def test_a_composed_object_tells_what_it_is(client: httpx.Client) -> None:
+def test_compose_returns_the_composed_object(client: httpx.Client) -> None:
     a, b = _encode(client, "red", "green")
-    made = client.post("/compose", json={"objects": [a, b]}).json()
+    item = client.post("/compose", json={"objects": [a, b]}).json()
     one = client.get(f"/objects/{a}").json()
-    assert made == {
-        "id": made["id"],
+    assert item == {
+        "id": item["id"],
         "kind": "composed",
-        "created_at": made["created_at"],
+        "created_at": item["created_at"],
         "model": "tiny-k2",
         "spec": one["spec"],
         "word": [a, b],
         "bytes": 2 * 460,
-        "links": {key: link.replace(a, made["id"]) for key, link in one["links"].items()},
+        "links": {key: link.replace(a, item["id"]) for key, link in one["links"].items()},
     }
-    assert client.get(made["links"]["self"]).json() == made
-    assert client.get("/objects").json()["items"][0] == made
+    assert client.get(item["links"]["self"]).json() == item
+    assert client.get("/objects").json()["items"][0] == item
     assert "word" not in one
-    for link in made["links"].values():
+    for link in item["links"].values():
         assert client.get(link).status_code == 200
 
 
-def test_all_words_of_two_objects_come_in_lexicographic_order(client: httpx.Client) -> None:
+def test_compose_all_returns_words_in_lexicographic_order(client: httpx.Client) -> None:
     a, b = _post(client, seed=1), _post(client, seed=2)
     answer = _compose(client, a, b, mode="all")
-    made = answer.json()["objects"]
+    words = answer.json()["objects"]
     assert answer.status_code == 201
     assert "location" not in answer.headers
-    assert [item["word"] for item in made] == [list(word) for word in itertools.product((a, b), repeat=3)]
-    assert len({item["id"] for item in made}) == 8
-    np.testing.assert_array_equal(_points(client, made[0]["id"]), _points(client, a))
-    np.testing.assert_array_equal(_points(client, made[-1]["id"]), _points(client, b))
+    assert [item["word"] for item in words] == [list(word) for word in itertools.product((a, b), repeat=3)]
+    assert len({item["id"] for item in words}) == 8
+    np.testing.assert_array_equal(_points(client, words[0]["id"]), _points(client, a))
+    np.testing.assert_array_equal(_points(client, words[-1]["id"]), _points(client, b))
     aab = _compose(client, a, a, b)
-    assert (aab.status_code, aab.json()) == (200, made[1])
+    assert (aab.status_code, aab.json()) == (200, words[1])
 
 
-def test_all_makes_what_is_missing(client: httpx.Client) -> None:
+def test_compose_all_makes_only_missing_words(client: httpx.Client) -> None:
     a, b = _encode(client, "red", "green")
     ab = _compose(client, a, b).json()
     answer = _compose(client, a, b, mode="all")
@@ -105,31 +105,31 @@ def test_all_makes_what_is_missing(client: httpx.Client) -> None:
     assert _count(client) == 2 + 4
 
 
-def test_interpolate_averages_theta(client: httpx.Client) -> None:
+def test_compose_interpolate_averages_theta(client: httpx.Client) -> None:
     a, b = _post(client, seed=1, model="one"), _post(client, seed=2, model="two")
     answer = _compose(client, a, b, b, mode="interpolate")
-    made = answer.json()
-    assert (answer.status_code, answer.headers["location"]) == (201, made["links"]["self"])
-    assert (made["kind"], made["parents"], made["model"]) == ("interpolated", [a, b, b], "one + two")
-    assert "word" not in made
-    weights = load(client.get(made["links"]["weights"]).content)
+    item = answer.json()
+    assert (answer.status_code, answer.headers["location"]) == (201, item["links"]["self"])
+    assert (item["kind"], item["parents"], item["model"]) == ("interpolated", [a, b, b], "one + two")
+    assert "word" not in item
+    weights = load(client.get(item["links"]["weights"]).content)
     mean = (initial_theta(SPEC, 1).astype(np.float64) + 2 * initial_theta(SPEC, 2).astype(np.float64)) / 3
     np.testing.assert_allclose(weights.theta, mean, rtol=1e-6)
-    assert made["bytes"] == weights.theta.nbytes
+    assert item["bytes"] == weights.theta.nbytes
     expected = mapping.power(SPEC, weights.theta, canonical_points(SPEC.domain, 300, 0))
-    np.testing.assert_allclose(_points(client, made["id"]), expected, atol=1e-6)
-    again = client.post("/objects", content=client.get(made["links"]["weights"]).content)
+    np.testing.assert_allclose(_points(client, item["id"]), expected, atol=1e-6)
+    again = client.post("/objects", content=client.get(item["links"]["weights"]).content)
     assert again.json()["kind"] == "imported"
 
 
-def test_an_interpolated_object_is_composed_as_any_other(client: httpx.Client) -> None:
+def test_compose_of_an_interpolated_object_makes_a_word(client: httpx.Client) -> None:
     a, b = _encode(client, "red", "green")
     mean = _compose(client, a, b, mode="interpolate").json()["id"]
     assert _compose(client, a, mean).json()["word"] == [a, mean]
 
 
 @pytest.mark.parametrize("mode", ["compose", "interpolate", "all"])
-def test_a_repeat_answers_200_with_the_same_objects(client: httpx.Client, mode: str) -> None:
+def test_compose_repeated_answers_200_with_the_same_objects(client: httpx.Client, mode: str) -> None:
     a, b = _encode(client, "red", "green")
     first = _compose(client, a, b, mode=mode)
     count = _count(client)
@@ -140,7 +140,7 @@ def test_a_repeat_answers_200_with_the_same_objects(client: httpx.Client, mode: 
     assert _count(client) == count
 
 
-def test_ids_tell_the_mode_and_the_order(client: httpx.Client) -> None:
+def test_compose_ids_differ_by_mode_and_order(client: httpx.Client) -> None:
     a, b = _encode(client, "red", "green")
     calls = [((a, b), "compose"), ((b, a), "compose"), ((a, b), "interpolate"), ((a, a, b), "interpolate")]
     assert len({_compose(client, *ids, mode=mode).json()["id"] for ids, mode in calls}) == 4
@@ -158,7 +158,7 @@ def _refused(answer: httpx.Response, status: int, field: str | None) -> str:
 
 @pytest.mark.parametrize("mode", ["compose", "interpolate", "all"])
 @pytest.mark.parametrize("unknown", [UNKNOWN, "x", "", "\0", "A" * 32, "é" * 500])
-def test_an_unknown_id_is_not_found_and_told(client: httpx.Client, mode: str, unknown: str) -> None:
+def test_compose_with_an_unknown_id_answers_404_and_names_it(client: httpx.Client, mode: str, unknown: str) -> None:
     (a,) = _encode(client, "red")
     detail = _refused(_compose(client, a, unknown, mode=mode), 404, "objects[1]")
     assert detail == "objects[1]: there is no object of this id"
@@ -166,20 +166,20 @@ def test_an_unknown_id_is_not_found_and_told(client: httpx.Client, mode: str, un
 
 
 @pytest.mark.parametrize("mode", ["compose", "interpolate", "all"])
-def test_a_composed_object_is_no_part_of_another(client: httpx.Client, mode: str) -> None:
+def test_compose_of_a_composed_object_is_refused(client: httpx.Client, mode: str) -> None:
     a, b = _encode(client, "red", "green")
     ab = _compose(client, a, b).json()["id"]
     assert "objects[1] is composed" in _refused(_compose(client, a, ab, mode=mode), 422, "objects[1]")
 
 
 @pytest.mark.parametrize("mode", ["compose", "interpolate", "all"])
-def test_specs_must_be_equal(client: httpx.Client, mode: str) -> None:
+def test_compose_with_different_specs_is_refused(client: httpx.Client, mode: str) -> None:
     a, other = _post(client), _post(client, SPEC.with_k(2))
     detail = _refused(_compose(client, a, a, other, mode=mode), 422, "objects[2]")
     assert detail == "objects[2] has the k 2, objects[0] 3: specs must be equal"
 
 
-def test_a_word_has_k_objects(client: httpx.Client) -> None:
+def test_compose_with_a_wrong_number_of_objects_is_refused(client: httpx.Client) -> None:
     a = _post(client)
     for count in (1, 2, 4):
         assert _refused(_compose(client, *[a] * count), 422, "objects") == f"a word needs k = 3 objects, not {count}"
@@ -189,14 +189,14 @@ def test_a_word_has_k_objects(client: httpx.Client) -> None:
     assert "objects[0]" in _refused(_compose(client, a, a, mode="all"), 422, "objects[1]")
 
 
-def test_a_function_with_k_of_1_is_interpolated_but_not_composed(client: httpx.Client) -> None:
+def test_compose_with_k_of_1_allows_interpolate_only(client: httpx.Client) -> None:
     a, b = _post(client, SPEC.with_k(1), 1), _post(client, SPEC.with_k(1), 2)
     assert "k is 1" in _refused(_compose(client, a), 422, "objects")
     assert "k is 1" in _refused(_compose(client, a, b, mode="all"), 422, "objects")
     assert _compose(client, a, b, mode="interpolate").status_code == 201
 
 
-def test_all_words_are_bounded() -> None:
+def test_check_members_with_too_many_words_raises() -> None:
     members = [Member(name, SPEC.with_k(8), is_composed=False) for name in "ab"]
     check_members(members, "all")
     members = [Member(name, SPEC.with_k(9), is_composed=False) for name in "ab"]
@@ -205,15 +205,15 @@ def test_all_words_are_bounded() -> None:
 
 
 @pytest.mark.parametrize("mode", ["compose", "all"])
-def test_a_word_whose_points_exceed_float32_is_refused_and_nothing_kept(client: httpx.Client, mode: str) -> None:
+def test_compose_over_float32_is_refused_and_keeps_nothing(client: httpx.Client, mode: str) -> None:
     spec = MappingSpec("tiny", 3, (16,), 3, k=2)
     ids = []
     for gain, constant in ((1e5, 0), (0, 1e20)):  # f_A f_A and f_B f_B are finite, f_A f_B is not
         theta = np.zeros(spec.size, np.float32)
         (w, _), (v, c) = mapping.layers(spec, theta)
         w[:], v[:], c[:] = gain, gain, constant
-        made = client.post("/objects", content=dump(Weights(spec, theta, "m"), "safetensors"))
-        ids.append(made.json()["id"])
+        answer = client.post("/objects", content=dump(Weights(spec, theta, "m"), "safetensors"))
+        ids.append(answer.json()["id"])
     assert "exceed float32" in _refused(_compose(client, *ids, mode=mode), 422, "objects")
     assert _count(client) == 2
 
@@ -240,14 +240,14 @@ def test_a_word_whose_points_exceed_float32_is_refused_and_nothing_kept(client: 
     ],
     ids=lambda value: str(value)[:40],
 )
-def test_bad_bodies_are_refused(client: httpx.Client, body: bytes, status: int, field: str | None) -> None:
+def test_compose_with_a_bad_body_is_refused(client: httpx.Client, body: bytes, status: int, field: str | None) -> None:
     answer = client.post("/compose", content=body)
     problem = answer.json()
     assert (answer.status_code, problem["status"]) == (status, status), problem
     assert [error["field"] for error in problem.get("errors", [])] == ([] if field is None else [field])
 
 
-def test_a_query_is_refused(client: httpx.Client) -> None:
+def test_compose_with_a_query_is_refused(client: httpx.Client) -> None:
     a, b = _encode(client, "red", "green")
     answer = client.post("/compose?mode=all", json={"objects": [a, b]})
     _refused(answer, 422, "mode")
@@ -257,7 +257,7 @@ def test_a_query_is_refused(client: httpx.Client) -> None:
 
 
 @EVERY_DATABASE
-def test_composing_while_an_object_is_deleted_leaves_no_word_without_it(client: httpx.Client) -> None:
+def test_compose_during_a_deletion_leaves_no_dangling_word(client: httpx.Client) -> None:
     (b,) = _encode(client, "green")
     outcomes = set()
     with ThreadPoolExecutor(4) as pool:

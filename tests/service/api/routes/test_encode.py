@@ -29,21 +29,21 @@ def _ids(client: httpx.Client) -> list[str]:
     return [item["id"] for item in client.get("/objects").json()["items"]]
 
 
-def test_a_photo_becomes_an_object(client: httpx.Client, photo: bytes) -> None:
+def test_encode_of_a_photo_returns_a_new_object(client: httpx.Client, photo: bytes) -> None:
     answer = client.post("/encode", content=photo)
-    made = answer.json()
+    item = answer.json()
     assert answer.status_code == 201
-    assert answer.headers["location"] == made["links"]["self"] == f"/objects/{made['id']}"
-    assert len(made["id"]) == 32
-    assert (made["kind"], made["model"], made["bytes"]) == ("encoded", "tiny-k2", 4 * tiny_model.SPEC.size)
-    assert made["image"] == {"mask": "border", "box": [40, 30, 81, 71], "confidence": 1, "width": 120, "height": 90}
-    assert made["links"].keys() == {"self", "points", "mesh", "weights"}
-    assert "weights" not in made
+    assert answer.headers["location"] == item["links"]["self"] == f"/objects/{item['id']}"
+    assert len(item["id"]) == 32
+    assert (item["kind"], item["model"], item["bytes"]) == ("encoded", "tiny-k2", 4 * tiny_model.SPEC.size)
+    assert item["image"] == {"mask": "border", "box": [40, 30, 81, 71], "confidence": 1, "width": 120, "height": 90}
+    assert item["links"].keys() == {"self", "points", "mesh", "weights"}
+    assert "weights" not in item
     kept = client.get(answer.headers["location"]).json()
-    assert kept == {key: value for key, value in made.items() if key != "image"}
+    assert kept == {key: value for key, value in item.items() if key != "image"}
 
 
-def test_a_repeat_answers_200_with_the_same_object_and_costs_no_inference(
+def test_encode_of_a_repeated_photo_answers_200_without_inference(
     client: httpx.Client, photo: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first = client.post("/encode?include=weights", content=photo)
@@ -58,20 +58,20 @@ def test_a_repeat_answers_200_with_the_same_object_and_costs_no_inference(
     assert len(_ids(client)) == 1
 
 
-def test_concurrent_equal_photos_make_one_object(client: httpx.Client, photo: bytes) -> None:
+def test_encode_of_concurrent_equal_photos_makes_one_object(client: httpx.Client, photo: bytes) -> None:
     with ThreadPoolExecutor(8) as pool:
         answers = list(pool.map(lambda _: client.post("/encode", content=photo), range(16)))
     assert sorted(answer.status_code for answer in answers) == [200] * 15 + [201]
     assert len({answer.json()["id"] for answer in answers}) == 1
 
 
-def test_weights_are_those_of_the_network(client: httpx.Client, photo: bytes) -> None:
+def test_encode_with_include_weights_returns_the_weights_of_the_network(client: httpx.Client, photo: bytes) -> None:
     theta = _theta(client.post("/encode?include=weights", content=photo).json())
     framed = preprocess(photo, Framing(tiny_model.SIZE, 0.85))
     np.testing.assert_allclose(theta, tiny_model.theta_of(framed.tensor)[0], atol=1e-5)
 
 
-def test_store_false_keeps_nothing_and_returns_the_weights(client: httpx.Client, photo: bytes) -> None:
+def test_encode_with_store_false_returns_weights_and_keeps_nothing(client: httpx.Client, photo: bytes) -> None:
     answer = client.post("/encode?store=false", content=photo)
     assert answer.status_code == 200
     assert answer.json().keys() == {"model", "spec", "bytes", "image", "weights"}
@@ -81,7 +81,7 @@ def test_store_false_keeps_nothing_and_returns_the_weights(client: httpx.Client,
 
 
 @pytest.mark.parametrize("query", ["background=keep", "foreground_ratio=0.5", "foreground_ratio=0.1"])
-def test_options_make_another_object(client: httpx.Client, photo: bytes, query: str) -> None:
+def test_encode_with_other_options_makes_another_object(client: httpx.Client, photo: bytes, query: str) -> None:
     plain = client.post("/encode?include=weights", content=photo).json()
     other = client.post(f"/encode?include=weights&{query}", content=photo)
     assert other.status_code == 201
@@ -90,19 +90,19 @@ def test_options_make_another_object(client: httpx.Client, photo: bytes, query: 
 
 
 @pytest.mark.parametrize("content_type", ["image/jpeg", "application/octet-stream", "text/plain", "nonsense", ""])
-def test_a_raw_body_is_judged_by_its_content_whatever_its_type_says(
+def test_encode_of_a_raw_body_detects_its_type_by_content(
     client: httpx.Client, photo: bytes, content_type: str
 ) -> None:
     assert client.post("/encode", content=photo, headers={"Content-Type": content_type}).status_code == 201
 
 
 @pytest.mark.parametrize("kind", ["PNG", "JPEG", "WEBP"])
-def test_forms_take_every_type_of_image(client: httpx.Client, kind: str) -> None:
+def test_encode_of_a_form_accepts_every_image_type(client: httpx.Client, kind: str) -> None:
     files = {"image": ("photo.bin", image_file(disc(), kind), "application/octet-stream")}
     assert client.post("/encode", files=files).status_code == 201
 
 
-def test_a_form_field_without_a_file_name_is_taken_too(client: httpx.Client, photo: bytes) -> None:
+def test_encode_of_a_form_field_without_file_name_is_accepted(client: httpx.Client, photo: bytes) -> None:
     body = b'--xyz\r\nContent-Disposition: form-data; name="image"\r\n\r\n' + photo + b"\r\n--xyz--\r\n"
     headers = {"Content-Type": "multipart/form-data; boundary=xyz"}
     assert client.post("/encode", content=body, headers=headers).status_code == 201
@@ -137,7 +137,7 @@ PART = b'--xyz\r\nContent-Disposition: form-data; name="image"; filename="a"\r\n
         ("multipart/form-data", PART + b"--xyz--\r\n", 400, "image"),
     ],
 )
-def test_bad_bodies_are_refused_and_nothing_is_stored(
+def test_encode_of_a_bad_body_is_refused_and_stores_nothing(
     client: httpx.Client, content_type: str, body: bytes, status: int, field: str | None
 ) -> None:
     answer = client.post("/encode", content=body, headers={"Content-Type": content_type})
@@ -162,7 +162,7 @@ def test_bad_bodies_are_refused_and_nothing_is_stored(
         ("store=true&store=false", "store"),
     ],
 )
-def test_bad_parameters_are_named_and_nothing_is_stored(
+def test_encode_with_a_bad_parameter_names_it_and_stores_nothing(
     client: httpx.Client, photo: bytes, query: str, field: str
 ) -> None:
     answer = client.post(f"/encode?{query}", content=photo)
@@ -171,16 +171,16 @@ def test_bad_parameters_are_named_and_nothing_is_stored(
     assert _ids(client) == []
 
 
-def test_an_insisted_removal_that_cannot_be_done_is_refused(client: httpx.Client) -> None:
+def test_encode_with_background_remove_and_no_method_answers_422(client: httpx.Client) -> None:
     noise = np.random.default_rng(0).integers(0, 255, (64, 64, 3), np.uint8)
     photo = image_file(Image.fromarray(noise))
     refused = client.post("/encode?background=remove", content=photo)
     assert refused.status_code == 422
     assert [error["field"] for error in refused.json()["errors"]] == ["background"]
     assert "U2NET_HOME" in refused.json()["detail"]
-    made = client.post("/encode", content=photo)
-    assert made.status_code == 201
-    assert made.json()["image"] == {"mask": "none", "box": [0, 0, 64, 64], "width": 64, "height": 64}
+    answer = client.post("/encode", content=photo)
+    assert answer.status_code == 201
+    assert answer.json()["image"] == {"mask": "none", "box": [0, 0, 64, 64], "width": 64, "height": 64}
 
 
 def _connect(server: Server) -> socket.socket:
@@ -188,14 +188,14 @@ def _connect(server: Server) -> socket.socket:
 
 
 def _answer(connection: socket.socket) -> bytes:
-    """All that the server sends until it closes."""
+    """Bytes that the server sends until it closes."""
     received = b""
     while piece := connection.recv(65_536):
         received += piece
     return received
 
 
-def test_a_declared_length_over_the_limit_is_refused_before_the_body_comes(server: Server) -> None:
+def test_encode_with_content_length_over_the_limit_is_refused_early(server: Server) -> None:
     with _connect(server) as connection:
         connection.sendall(b"POST /encode HTTP/1.1\r\nHost: x\r\nContent-Length: 200001\r\n\r\n")
         answer = _answer(connection)
@@ -203,7 +203,7 @@ def test_a_declared_length_over_the_limit_is_refused_before_the_body_comes(serve
     assert b"connection: close" in answer.lower()
 
 
-def test_an_endless_chunked_body_is_cut_at_the_limit(server: Server, settings: Settings) -> None:
+def test_encode_of_an_endless_chunked_body_is_refused_at_the_limit(server: Server, settings: Settings) -> None:
     chunk = bytes(10_000)
     framed = b"%x\r\n%b\r\n" % (len(chunk), chunk)
     sent = 0
@@ -216,7 +216,7 @@ def test_an_endless_chunked_body_is_cut_at_the_limit(server: Server, settings: S
     assert sent < 100 * settings.max_image_bytes  # what the sockets' buffers hold, and the limit
 
 
-def test_a_chunked_body_just_over_the_limit_is_answered(server: Server) -> None:
+def test_encode_of_a_chunked_body_just_over_the_limit_is_answered(server: Server) -> None:
     with _connect(server) as connection:
         connection.sendall(b"POST /encode HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: chunked\r\n\r\n")
         connection.sendall(b"%x\r\n%b\r\n" % (200_001, bytes(200_001)))
@@ -224,9 +224,7 @@ def test_a_chunked_body_just_over_the_limit_is_answered(server: Server) -> None:
 
 
 @pytest.mark.filterwarnings("ignore")  # a connection that is reset, in the server's thread
-def test_an_upload_that_breaks_off_leaves_nothing_and_harms_nobody(
-    server: Server, client: httpx.Client, photo: bytes
-) -> None:
+def test_encode_of_an_upload_that_breaks_off_stores_nothing(server: Server, client: httpx.Client, photo: bytes) -> None:
     for linger in (struct.pack("ii", 0, 0), struct.pack("ii", 1, 0)):  # closed, and reset
         with _connect(server) as connection:
             connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, linger)

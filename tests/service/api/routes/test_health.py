@@ -17,40 +17,38 @@ from service.settings import Settings
 from tests.support.small import model as tiny_model
 
 
-def test_probes(client: httpx.Client) -> None:
+def test_probes_of_a_running_service_answer_200(client: httpx.Client) -> None:
     assert client.get("/health/live").json() == {"status": "live"}
     assert client.get("/health/ready").json() == {"status": "ready"}
 
 
-def test_the_service_is_ready_from_its_start_to_its_end_only(
-    settings: Settings, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_ready_outside_the_lifespan_answers_503(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> None:
     warm: list[Encoder] = []
     monkeypatch.setattr(Encoder, "warm_up", lambda encoder: warm.append(encoder))
 
     async def scenario() -> list[tuple[int, int, int]]:
         app = create_app(settings)
         transport = httpx.ASGITransport(app)
-        seen = []
+        states = []
         async with httpx.AsyncClient(transport=transport, base_url="http://x") as client:
 
             async def look() -> None:
                 live, ready, objects = [
                     (await client.get(path)).status_code for path in ("/health/live", "/health/ready", "/objects")
                 ]
-                seen.append((live, ready, objects))
+                states.append((live, ready, objects))
 
             await look()
             async with app.router.lifespan_context(app):
                 assert len(warm) == 1
                 await look()
             await look()
-        return seen
+        return states
 
     assert asyncio.run(scenario()) == [(200, 503, 503), (200, 200, 200), (200, 503, 503)]
 
 
-def test_a_store_that_does_not_answer_is_not_ready_but_live(
+def test_ready_with_a_silent_store_answers_503_and_live_200(
     client: httpx.Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def broken(*_: object) -> None:
@@ -63,7 +61,7 @@ def test_a_store_that_does_not_answer_is_not_ready_but_live(
     assert client.get("/health/live").status_code == 200
 
 
-def test_the_model_shows_its_card_and_spec(client: httpx.Client, model_path: Path) -> None:
+def test_model_answers_with_its_card_and_spec(client: httpx.Client, model_path: Path) -> None:
     answer = client.get("/model").json()
     encoder = Encoder.open(model_path, 1)
     assert (answer["name"], answer["digest"], answer["card"]) == ("tiny-k2", encoder.digest, tiny_model.CARD)
@@ -85,9 +83,7 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
-def test_the_service_runs_where_torch_and_model_cannot_be_imported(
-    model_path: Path, tmp_path: Path, photo: bytes
-) -> None:
+def test_service_without_torch_and_model_runs(model_path: Path, tmp_path: Path, photo: bytes) -> None:
     log = tmp_path / "log"
     command = [sys.executable, "-c", WITHOUT_TRAINING_CODE, "serve", "--port", "0", "--model", str(model_path)]
     command += ["--database-url", f"sqlite:///{tmp_path / 'hof.db'}", "--drain-s", "0"]

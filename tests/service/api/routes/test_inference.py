@@ -48,9 +48,9 @@ def images(photo: bytes) -> Array:
 
 
 def _infer(triton: InferenceServerClient, images: Array, *, binary: bool = True, **options: object) -> InferResult:
-    given = InferInput("image", list(images.shape), "FP32")
-    given.set_data_from_numpy(images, binary_data=binary)
-    return triton.infer("tiny-k2", [given], **options)
+    tensor = InferInput("image", list(images.shape), "FP32")
+    tensor.set_data_from_numpy(images, binary_data=binary)
+    return triton.infer("tiny-k2", [tensor], **options)
 
 
 def _asked(**changes: object) -> dict[str, Any]:
@@ -58,7 +58,7 @@ def _asked(**changes: object) -> dict[str, Any]:
     return {"inputs": [{"name": "image", "shape": ONE, "datatype": "FP32", "data": [1] * math.prod(ONE)} | changes]}
 
 
-def test_triton_finds_server_and_model(triton: InferenceServerClient) -> None:
+def test_infer_triton_client_finds_server_and_model(triton: InferenceServerClient) -> None:
     assert triton.is_server_live()
     assert triton.is_server_ready()
     assert triton.is_model_ready("tiny-k2")
@@ -74,7 +74,7 @@ def test_triton_finds_server_and_model(triton: InferenceServerClient) -> None:
 
 @pytest.mark.parametrize("binary", [True, False])
 @pytest.mark.parametrize("binary_out", [True, False])
-def test_theta_is_that_of_encode(
+def test_infer_theta_equals_that_of_encode(
     triton: InferenceServerClient,
     client: httpx.Client,
     images: Array,
@@ -94,7 +94,7 @@ def test_theta_is_that_of_encode(
     assert client.get("/objects").json()["items"] == []
 
 
-def test_a_model_in_colour_gives_both_outputs_or_the_one_that_is_asked_for(
+def test_infer_with_a_colored_model_returns_the_requested_outputs(
     settings: Settings, colored_path: Path, images: Array
 ) -> None:
     matrix, b = tiny_model.color_parameters()
@@ -112,7 +112,7 @@ def test_a_model_in_colour_gives_both_outputs_or_the_one_that_is_asked_for(
         assert [each["name"] for each in triton.get_model_metadata("tiny-k2")["outputs"]] == ["theta", "color"]
 
 
-def test_numbers_may_be_nested_and_are_answered_as_json(client: httpx.Client, images: Array) -> None:
+def test_infer_with_nested_numbers_answers_json(client: httpx.Client, images: Array) -> None:
     answer = client.post(f"{MODEL}/infer", json=_asked(data=images[:1].tolist()))
     assert (answer.status_code, answer.headers["content-type"]) == (200, "application/json")
     (theta,) = answer.json()["outputs"]
@@ -120,7 +120,7 @@ def test_numbers_may_be_nested_and_are_answered_as_json(client: httpx.Client, im
     np.testing.assert_allclose(theta["data"], tiny_model.theta_of(images[:1])[0], atol=1e-5)
 
 
-def test_triton_reads_our_errors(triton: InferenceServerClient) -> None:
+def test_infer_errors_are_readable_by_triton(triton: InferenceServerClient) -> None:
     with pytest.raises(InferenceServerException, match=rf"b from 1 to {MAX_BATCH}") as caught:
         _infer(triton, np.ones((MAX_BATCH + 1, *ONE[1:]), np.float32))
     assert caught.value.status() == "422"
@@ -129,7 +129,7 @@ def test_triton_reads_our_errors(triton: InferenceServerClient) -> None:
     assert caught.value.status() == "404"
 
 
-def test_a_full_batch_of_long_numbers_fits_as_json(client: httpx.Client) -> None:
+def test_infer_with_a_full_batch_of_long_numbers_fits(client: httpx.Client) -> None:
     shape = [MAX_BATCH, *ONE[1:]]
     numbers = np.random.default_rng(0).uniform(1e-5, 1e-4, math.prod(shape)).tolist()
     assert client.post(f"{MODEL}/infer", json=_asked(shape=shape, data=numbers)).status_code == 200
@@ -156,7 +156,7 @@ def test_a_full_batch_of_long_numbers_fits_as_json(client: httpx.Client) -> None
         ({"parameters": {"shared_memory_region": "x"}}, "inputs[0].parameters.shared_memory_region"),
     ],
 )
-def test_a_faulty_input_is_told_by_its_name(client: httpx.Client, changes: dict[str, Any], field: str) -> None:
+def test_infer_with_a_faulty_input_names_it(client: httpx.Client, changes: dict[str, Any], field: str) -> None:
     answer = client.post(f"{MODEL}/infer", json=_asked(**changes))
     assert (answer.status_code, answer.headers["content-type"]) == (422, "application/problem+json")
     assert answer.json()["errors"][0]["field"] == field
@@ -173,15 +173,17 @@ def test_a_faulty_input_is_told_by_its_name(client: httpx.Client, changes: dict[
         ({"output": []}, "output"),
     ],
 )
-def test_a_faulty_request_is_told_by_its_member(client: httpx.Client, changes: dict[str, Any], field: str) -> None:
+def test_infer_with_a_faulty_request_names_the_member(
+    client: httpx.Client, changes: dict[str, Any], field: str
+) -> None:
     answer = client.post(f"{MODEL}/infer", json=_asked() | changes)
     assert (answer.status_code, answer.json()["errors"][0]["field"]) == (422, field)
 
 
 def _binary(tensor: bytes, size: int) -> tuple[bytes, bytes]:
     """The JSON of a request and its tensor."""
-    told = {"name": "image", "shape": ONE, "datatype": "FP32", "parameters": {"binary_data_size": size}}
-    return json.dumps({"inputs": [told]}).encode(), tensor
+    image = {"name": "image", "shape": ONE, "datatype": "FP32", "parameters": {"binary_data_size": size}}
+    return json.dumps({"inputs": [image]}).encode(), tensor
 
 
 @pytest.mark.parametrize(
@@ -194,10 +196,10 @@ def _binary(tensor: bytes, size: int) -> tuple[bytes, bytes]:
         (np.full(ONE, np.inf, "<f4").tobytes(), 4 * math.prod(ONE)),
     ],
 )
-def test_faulty_bytes_are_refused(client: httpx.Client, tensor: bytes, size: int) -> None:
+def test_infer_with_faulty_bytes_is_refused(client: httpx.Client, tensor: bytes, size: int) -> None:
     header, tensor = _binary(tensor, size)
-    told = {"Inference-Header-Content-Length": str(len(header))}
-    answer = client.post(f"{MODEL}/infer", content=header + tensor, headers=told)
+    headers = {"Inference-Header-Content-Length": str(len(header))}
+    answer = client.post(f"{MODEL}/infer", content=header + tensor, headers=headers)
     assert (answer.status_code, answer.json()["type"]) == (422, "urn:hof:problem:invalid-parameter")
 
 
@@ -215,7 +217,7 @@ def test_faulty_bytes_are_refused(client: httpx.Client, tensor: bytes, size: int
         (bytes(MAX_BATCH * 3 * tiny_model.SIZE**2 * 24 + 16_385), {}, 413),
     ],
 )
-def test_a_body_that_is_no_request_is_refused(
+def test_infer_with_a_body_that_is_no_request_is_refused(
     client: httpx.Client, body: bytes, headers: dict[str, str], status: int
 ) -> None:
     answer = client.post(f"{MODEL}/infer", content=body, headers=headers)
@@ -223,12 +225,12 @@ def test_a_body_that_is_no_request_is_refused(
 
 
 @pytest.mark.parametrize("call", ["GET /v2/models/other", "GET /v2/models/other/ready", "POST /v2/models/other/infer"])
-def test_an_unknown_model_is_a_404(client: httpx.Client, call: str) -> None:
+def test_infer_with_an_unknown_model_answers_404(client: httpx.Client, call: str) -> None:
     answer = client.request(*call.split(), json=_asked() if call.startswith("POST") else None)
     assert (answer.status_code, answer.json()["error"]) == (404, "no such model is loaded; there is tiny-k2")
 
 
-def test_each_image_of_a_batch_counts_as_one_that_is_let_in(settings: Settings, slow_model: Path) -> None:
+def test_infer_with_a_batch_counts_each_image_in_the_gate(settings: Settings, slow_model: Path) -> None:
     blue = np.zeros((2, *ONE[1:]))  # the darkest channel is black: half a second
     blue[:, 2] = 1
     two = _asked(shape=[2, *ONE[1:]], data=blue.ravel().tolist())

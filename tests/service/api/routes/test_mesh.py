@@ -28,7 +28,7 @@ def path(client: httpx.Client, photo: bytes) -> str:
 
 
 def _mesh(client: httpx.Client, path: str, name: str, **query: float) -> trimesh.Trimesh:
-    """What an independent reader makes of a file; vertices as they stand there."""
+    """Read a file with an independent reader; vertices in the order of the file."""
     answer = client.get(path, params={"format": name, **query})
     assert answer.status_code == 200, answer.text
     loaded = trimesh.load(io.BytesIO(answer.content), file_type=name, process=False)
@@ -37,7 +37,7 @@ def _mesh(client: httpx.Client, path: str, name: str, **query: float) -> trimesh
     return mesh
 
 
-def test_every_format_holds_the_same_triangles_the_same_way_round(client: httpx.Client, path: str) -> None:
+def test_mesh_in_every_format_holds_the_same_triangles(client: httpx.Client, path: str) -> None:
     expected = _mesh(client, path, "glb", resolution=16)
     assert len(expected.faces) > 1000
     for name in MESH_FORMATS:
@@ -46,7 +46,7 @@ def test_every_format_holds_the_same_triangles_the_same_way_round(client: httpx.
 
 
 @pytest.mark.parametrize("name", ["glb", "gltf", "obj", "ply"])
-def test_the_file_holds_the_surfaces_normals(client: httpx.Client, path: str, name: str) -> None:
+def test_mesh_file_holds_the_normals_of_the_surface(client: httpx.Client, path: str, name: str) -> None:
     weights = load(client.get(path.replace("mesh", "weights")).content)
     surface = surface_of(Sampler(weights.spec, word_of(weights.spec, weights.theta)), 16)
     answer = client.get(path, params={"format": name, "resolution": 16})
@@ -57,12 +57,12 @@ def test_the_file_holds_the_surfaces_normals(client: httpx.Client, path: str, na
 
 
 @pytest.mark.parametrize("name", ["glb", "gltf"])
-def test_the_khronos_validator_finds_nothing(client: httpx.Client, path: str, name: str, tmp_path: Path) -> None:
+def test_mesh_as_gltf_passes_the_khronos_validator(client: httpx.Client, path: str, name: str, tmp_path: Path) -> None:
     report = check_valid(client.get(path, params={"format": name}).content, tmp_path)
     assert report["info"]["totalTriangleCount"] > 1000
 
 
-def test_the_surface_is_where_the_points_are(client: httpx.Client, path: str) -> None:
+def test_mesh_of_an_object_lies_where_its_points_are(client: httpx.Client, path: str) -> None:
     points = np.load(io.BytesIO(client.get(path.replace("mesh", "points") + "?format=npy").content))
     mesh = _mesh(client, path, "glb")
     size = np.ptp(points, axis=0).max()
@@ -71,7 +71,7 @@ def test_the_surface_is_where_the_points_are(client: httpx.Client, path: str) ->
     assert np.quantile(distances, 0.9) < 0.1 * size
 
 
-def test_defaults_are_glb_and_the_frame_is_scaled(client: httpx.Client, path: str) -> None:
+def test_mesh_by_default_is_glb_in_the_scaled_frame(client: httpx.Client, path: str) -> None:
     plain = client.get(path)
     assert plain.headers["content-type"] == "model/gltf-binary"
     assert re.fullmatch(r'attachment; filename="hof-[0-9a-f]{32}\.glb"', plain.headers["content-disposition"])
@@ -84,12 +84,14 @@ def test_defaults_are_glb_and_the_frame_is_scaled(client: httpx.Client, path: st
     ("accept", "query", "expected"),
     [("model/obj", "", "model/obj"), ("model/obj", "?format=stl", "model/stl"), ("model/*", "", "model/gltf-binary")],
 )
-def test_format_wins_over_accept(client: httpx.Client, path: str, accept: str, query: str, expected: str) -> None:
+def test_mesh_with_format_and_accept_uses_format(
+    client: httpx.Client, path: str, accept: str, query: str, expected: str
+) -> None:
     answer = client.get(path + query, headers={"Accept": accept})
     assert (answer.headers["content-type"], answer.headers["vary"]) == (expected, "Accept")
 
 
-def test_an_accept_that_nothing_satisfies_is_refused(client: httpx.Client, path: str) -> None:
+def test_mesh_with_an_unsatisfiable_accept_answers_406(client: httpx.Client, path: str) -> None:
     answer = client.get(path, headers={"Accept": "text/plain"})
     assert (answer.status_code, answer.headers["content-type"]) == (406, "application/problem+json")
     assert "model/stl" in answer.json()["detail"]
@@ -107,22 +109,22 @@ def test_an_accept_that_nothing_satisfies_is_refused(client: httpx.Client, path:
         ("n=5", "n", "unknown"),
     ],
 )
-def test_bad_parameters_are_named_with_their_limit(
+def test_mesh_with_a_bad_parameter_names_it_and_its_limit(
     client: httpx.Client, path: str, query: str, field: str, limit: str
 ) -> None:
     check_refused(client.get(f"{path}?{query}"), field, limit)
 
 
-def test_an_unknown_object_has_no_surface(client: httpx.Client) -> None:
+def test_mesh_of_an_unknown_object_answers_404(client: httpx.Client) -> None:
     assert client.get(f"/objects/{'0' * 32}/mesh").status_code == 404
 
 
-def test_every_parameter_has_its_own_tag(client: httpx.Client, path: str) -> None:
+def test_mesh_etag_differs_for_every_parameter(client: httpx.Client, path: str) -> None:
     queries = ["", "?resolution=9", "?scale=2", "?format=obj", "?format=stl", "?color=none"]
     assert len({client.head(path + query).headers["ETag"] for query in queries}) == len(queries)
 
 
-def test_a_composed_object_has_a_surface_of_its_own(client: httpx.Client, photo: bytes) -> None:
+def test_mesh_of_a_composed_object_is_its_own(client: httpx.Client, photo: bytes) -> None:
     first, second = (
         client.post("/encode", content=content).json()["id"] for content in (photo, image_file(disc("blue")))
     )
@@ -135,5 +137,5 @@ def test_a_composed_object_has_a_surface_of_its_own(client: httpx.Client, photo:
     np.testing.assert_allclose(composed.centroid, points.mean(axis=0), atol=0.2 * np.ptp(points))
 
 
-def test_the_names_in_the_schema_are_those_of_the_formats() -> None:
+def test_mesh_format_names_of_the_schema_are_those_of_the_formats() -> None:
     assert get_args(MeshFormatName) == tuple(MESH_FORMATS)

@@ -30,11 +30,11 @@ def _encode(client: httpx.Client, *colours: str) -> list[str]:
 
 
 def _compose(client: httpx.Client, *ids: str, mode: str = "compose") -> dict[str, Any]:
-    made: dict[str, Any] = client.post("/compose", json={"objects": ids, "mode": mode}).json()
-    return made
+    item: dict[str, Any] = client.post("/compose", json={"objects": ids, "mode": mode}).json()
+    return item
 
 
-def test_an_object_tells_what_it_is(client: httpx.Client) -> None:
+def test_object_read_returns_all_its_fields(client: httpx.Client) -> None:
     (object_id,) = _encode(client, "red")
     answer = client.get(f"/objects/{object_id}").json()
     created = datetime.fromisoformat(answer.pop("created_at"))
@@ -64,7 +64,7 @@ def test_an_object_tells_what_it_is(client: httpx.Client) -> None:
         assert client.get(link).status_code == 200
 
 
-def test_the_list_is_newest_first_in_pages(client: httpx.Client) -> None:
+def test_objects_list_is_newest_first_in_pages(client: httpx.Client) -> None:
     ids = _encode(client, "red", "green", "blue")
     first = client.get("/objects?limit=2").json()
     assert ([item["id"] for item in first["items"]], first["limit"]) == ([ids[2], ids[1]], 2)
@@ -77,13 +77,13 @@ def test_the_list_is_newest_first_in_pages(client: httpx.Client) -> None:
 
 
 @pytest.mark.parametrize("query", ["limit=0", "limit=501", "limit=x", "cursor=x", "cursor=", "page=2"])
-def test_a_bad_page_is_refused(client: httpx.Client, query: str) -> None:
+def test_objects_list_with_a_bad_page_is_refused(client: httpx.Client, query: str) -> None:
     answer = client.get(f"/objects?{query}")
     assert answer.status_code == 422
     assert answer.json()["errors"][0]["field"] == query.split("=")[0]
 
 
-def test_delete_removes_an_object_once(client: httpx.Client) -> None:
+def test_delete_of_an_object_removes_it_once(client: httpx.Client) -> None:
     red, green = _encode(client, "red", "green")
     answer = client.delete(f"/objects/{red}")
     assert (answer.status_code, answer.content) == (204, b"")
@@ -96,47 +96,47 @@ def test_delete_removes_an_object_once(client: httpx.Client) -> None:
 
 @pytest.mark.parametrize("object_id", ["0" * 32, "x", "0" * 31, "A" * 32, "%00", "0" * 32 + "%0A", "é", "a" * 5000])
 @pytest.mark.parametrize("path", ["", "/points", "/weights"])
-def test_unknown_ids_are_not_found(client: httpx.Client, object_id: str, path: str) -> None:
+def test_object_with_an_unknown_id_answers_404(client: httpx.Client, object_id: str, path: str) -> None:
     answer = client.get(f"/objects/{object_id}{path}")
     assert (answer.status_code, answer.json()["title"]) == (404, "Not found")
 
 
-def test_objects_survive_a_restart(settings: Settings, photo: bytes) -> None:
+def test_objects_after_a_restart_are_kept(settings: Settings, photo: bytes) -> None:
     clouds = []
     for _ in range(2):
         with running(settings) as server, httpx.Client(base_url=f"http://127.0.0.1:{server.port}") as client:
-            made = client.post("/encode", content=photo)
-            clouds.append(client.get(made.json()["links"]["points"]).content)
-    assert made.status_code == 200
+            answer = client.post("/encode", content=photo)
+            clouds.append(client.get(answer.json()["links"]["points"]).content)
+    assert answer.status_code == 200
     assert clouds[0] == clouds[1]
 
 
-def test_weights_go_out_and_come_in_again(client: httpx.Client) -> None:
+def test_import_of_exported_weights_gives_an_object(client: httpx.Client) -> None:
     (object_id,) = _encode(client, "red")
     answer = client.get(f"/objects/{object_id}/weights")
     assert answer.headers["content-disposition"] == f'attachment; filename="hof-{object_id}.safetensors"'
     posted = client.post("/objects", content=answer.content)
-    made = posted.json()
-    assert (posted.status_code, posted.headers["location"]) == (201, f"/objects/{made['id']}")
-    assert (made["kind"], made["model"]) == ("imported", "tiny-k2")
-    assert made["id"] != object_id
-    points = [client.get(f"/objects/{each}/points?n=100").content for each in (object_id, made["id"])]
+    item = posted.json()
+    assert (posted.status_code, posted.headers["location"]) == (201, f"/objects/{item['id']}")
+    assert (item["kind"], item["model"]) == ("imported", "tiny-k2")
+    assert item["id"] != object_id
+    points = [client.get(f"/objects/{each}/points?n=100").content for each in (object_id, item["id"])]
     assert points[0] == points[1]
     again = client.post("/objects", content=answer.content)
-    assert (again.status_code, again.json()) == (200, made)
+    assert (again.status_code, again.json()) == (200, item)
 
 
-def test_an_import_keeps_its_own_spec_and_model(client: httpx.Client) -> None:
-    made = client.post("/objects", content=_weights()).json()
-    assert (made["model"], made["spec"]["k"], made["spec"]["domain"]) == ("elsewhere", 3, "cube")
-    weights = load(client.get(made["links"]["weights"]).content)
+def test_import_keeps_the_spec_and_model_of_the_file(client: httpx.Client) -> None:
+    item = client.post("/objects", content=_weights()).json()
+    assert (item["model"], item["spec"]["k"], item["spec"]["domain"]) == ("elsewhere", 3, "cube")
+    weights = load(client.get(item["links"]["weights"]).content)
     assert (weights.spec, weights.model) == (SPEC, "elsewhere")
     np.testing.assert_array_equal(weights.theta, initial_theta(SPEC))
     other = client.post("/objects", content=_weights(1)).json()
-    assert other["id"] != made["id"]
+    assert other["id"] != item["id"]
 
 
-def test_every_weights_format_holds_theta(client: httpx.Client) -> None:
+def test_weights_in_every_format_hold_theta(client: httpx.Client) -> None:
     link = client.post("/objects", content=_weights()).json()["links"]["weights"]
     files = {name: client.get(link, params={"format": name}) for name in ("safetensors", "npy", "json")}
     theta = initial_theta(SPEC)
@@ -164,14 +164,14 @@ RELU = MappingSpec("relu", 3, (8,), 3, k=4)
         (dump(Weights(RELU, np.full(RELU.size, 1e30, np.float32), "overflows"), "safetensors"), 400),
     ],
 )
-def test_bad_weights_are_refused_and_nothing_is_stored(client: httpx.Client, body: bytes, status: int) -> None:
+def test_import_of_bad_weights_is_refused_and_stores_nothing(client: httpx.Client, body: bytes, status: int) -> None:
     answer = client.post("/objects", content=body)
     assert (answer.status_code, answer.json()["status"]) == (status, status)
     assert client.get("/objects").json()["items"] == []
 
 
 @pytest.mark.parametrize("query", ["format=pt", "format=", "n=5"])
-def test_bad_parameters_of_weights_are_refused(client: httpx.Client, query: str) -> None:
+def test_weights_with_bad_parameters_are_refused(client: httpx.Client, query: str) -> None:
     (object_id,) = _encode(client, "red")
     answer = client.get(f"/objects/{object_id}/weights?{query}")
     assert answer.status_code == 422
@@ -181,7 +181,7 @@ def test_bad_parameters_of_weights_are_refused(client: httpx.Client, query: str)
 # Composed objects: what they give, and what they hold back
 
 
-def test_weights_of_a_composed_object_hold_its_thetas_and_its_word(client: httpx.Client) -> None:
+def test_weights_of_a_composed_object_hold_thetas_and_word(client: httpx.Client) -> None:
     a, b = _encode(client, "red", "green")
     link = _compose(client, b, a)["links"]["weights"]
     files = {name: client.get(link, params={"format": name}).content for name in ("safetensors", "npy", "json")}
@@ -196,15 +196,15 @@ def test_weights_of_a_composed_object_hold_its_thetas_and_its_word(client: httpx
     np.testing.assert_array_equal(np.float32(as_json["theta"]), thetas)
 
 
-def test_the_file_of_a_composed_object_is_no_object(client: httpx.Client) -> None:
-    made = _compose(client, *_encode(client, "red", "green"))
-    answer = client.post("/objects", content=client.get(made["links"]["weights"]).content)
+def test_import_of_a_composed_file_is_refused(client: httpx.Client) -> None:
+    item = _compose(client, *_encode(client, "red", "green"))
+    answer = client.post("/objects", content=client.get(item["links"]["weights"]).content)
     assert answer.status_code == 422
     assert "composed" in answer.json()["detail"]
     assert {item["kind"] for item in client.get("/objects").json()["items"]} == {"encoded", "composed"}
 
 
-def test_onnx_is_the_whole_function(client: httpx.Client) -> None:
+def test_weights_as_onnx_are_the_whole_function(client: httpx.Client) -> None:
     a, b = _encode(client, "red", "green")
     for object_id in (a, _compose(client, a, b)["id"]):
         answer = client.get(f"/objects/{object_id}/weights", params={"format": "onnx"})
@@ -215,21 +215,21 @@ def test_onnx_is_the_whole_function(client: httpx.Client) -> None:
         np.testing.assert_allclose(points, np.load(io.BytesIO(served.content)), atol=1e-5)
 
 
-def test_an_object_that_a_word_uses_is_not_deleted(client: httpx.Client) -> None:
+def test_delete_of_an_object_in_a_word_answers_409(client: httpx.Client) -> None:
     a, b, c = _encode(client, "red", "green", "blue")
-    made = [_compose(client, a, b)["id"], _compose(client, b, b)["id"]]
+    words = [_compose(client, a, b)["id"], _compose(client, b, b)["id"]]
     assert client.delete(f"/objects/{c}").status_code == 204
     refused = [client.delete(f"/objects/{each}") for each in (b, a)]
     assert [(answer.status_code, answer.json()["title"]) for answer in refused] == [(409, "In use")] * 2
     details = [answer.json()["detail"] for answer in refused]
-    assert details[0] == f"composed objects are made of it: {made[0]}, {made[1]}; delete them first"
-    assert made[1] not in details[1]
-    for object_id in (*made, a, b):
+    assert details[0] == f"composed objects are made of it: {words[0]}, {words[1]}; delete them first"
+    assert words[1] not in details[1]
+    for object_id in (*words, a, b):
         assert client.delete(f"/objects/{object_id}").status_code == 204
     assert client.get("/objects").json()["items"] == []
 
 
-def test_an_interpolated_object_outlives_its_parents(client: httpx.Client) -> None:
+def test_interpolated_object_after_deleting_parents_is_kept(client: httpx.Client) -> None:
     a, b = _encode(client, "red", "green")
     mean = _compose(client, a, b, mode="interpolate")
     before = client.get(mean["links"]["points"]).content

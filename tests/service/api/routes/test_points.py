@@ -37,20 +37,20 @@ def _npy(client: httpx.Client, path: str, **query: float | str) -> Array:
     return array
 
 
-def test_points_are_those_of_the_mapping_function(client: httpx.Client, path: str) -> None:
+def test_points_of_an_object_are_those_of_its_mapping_function(client: httpx.Client, path: str) -> None:
     weights = load(client.get(path.replace("points", "weights")).content)
     expected = power(weights.spec, weights.theta, canonical_points("ball", 5000, seed=7))
     np.testing.assert_allclose(_npy(client, path, n=5000, seed=7), expected, atol=1e-5)
 
 
 @pytest.mark.parametrize("n", [1, FIRST_PART, FIRST_PART + 1, FIRST_PART + PART + 777])
-def test_any_part_of_a_cloud_is_bitwise_the_same(client: httpx.Client, path: str, n: int) -> None:
+def test_points_of_any_part_are_bitwise_equal(client: httpx.Client, path: str, n: int) -> None:
     cloud = _npy(client, path, n=100_000, seed=3)
     np.testing.assert_array_equal(_npy(client, path, n=n, seed=3), cloud[:n])
     np.testing.assert_array_equal(_npy(client, path, n=n, seed=3, offset=20_001), cloud[20_001 : 20_001 + n])
 
 
-def test_every_format_holds_the_same_points(client: httpx.Client, path: str) -> None:
+def test_points_in_every_format_are_the_same(client: httpx.Client, path: str) -> None:
     n = FIRST_PART + 100
     expected = _npy(client, path, n=n)
     files = {name: client.get(path, params={"format": name, "n": n}) for name in POINT_FORMATS}
@@ -72,14 +72,14 @@ def test_every_format_holds_the_same_points(client: httpx.Client, path: str) -> 
         assert answer.headers.get("content-length") == (None if length is None else str(length))
 
 
-def test_defaults_are_ten_thousand_points_of_seed_zero_as_ply(client: httpx.Client, path: str) -> None:
+def test_points_by_default_are_ten_thousand_of_seed_zero_as_ply(client: httpx.Client, path: str) -> None:
     plain = client.get(path)
     assert plain.headers["content-type"] == "model/ply"
     assert plain.content == client.get(f"{path}?n=10000&seed=0&scale=1&offset=0&format=ply").content
     assert plain.content != client.get(f"{path}?seed=1").content
 
 
-def test_scale_multiplies(client: httpx.Client, path: str) -> None:
+def test_points_with_scale_are_multiplied(client: httpx.Client, path: str) -> None:
     np.testing.assert_allclose(_npy(client, path, n=50, scale=2.5), 2.5 * _npy(client, path, n=50), rtol=1e-6)
 
 
@@ -93,13 +93,15 @@ def test_scale_multiplies(client: httpx.Client, path: str) -> None:
         ("image/png", "?format=glb", "model/gltf-binary"),
     ],
 )
-def test_format_wins_over_accept(client: httpx.Client, path: str, accept: str, query: str, expected: str) -> None:
+def test_points_with_format_and_accept_use_format(
+    client: httpx.Client, path: str, accept: str, query: str, expected: str
+) -> None:
     answer = client.get(path + query, headers={"Accept": accept})
     assert answer.headers["content-type"].split(";")[0] == expected
     assert answer.headers["vary"].startswith("Accept")
 
 
-def test_an_accept_that_nothing_satisfies_is_refused(client: httpx.Client, path: str) -> None:
+def test_points_with_an_unsatisfiable_accept_answer_406(client: httpx.Client, path: str) -> None:
     answer = client.get(path, headers={"Accept": "image/png"})
     assert (answer.status_code, answer.headers["content-type"]) == (406, "application/problem+json")
 
@@ -126,18 +128,18 @@ def test_an_accept_that_nothing_satisfies_is_refused(client: httpx.Client, path:
         ("n=5&n=6", "n", "once"),
     ],
 )
-def test_bad_parameters_are_named_with_their_limit(
+def test_points_with_a_bad_parameter_name_it_and_its_limit(
     client: httpx.Client, path: str, query: str, field: str, limit: str
 ) -> None:
     check_refused(client.get(f"{path}?{query}"), field, limit)
 
 
-def test_the_ends_of_the_ranges_are_allowed(client: httpx.Client, path: str) -> None:
+def test_points_at_the_ends_of_the_ranges_are_allowed(client: httpx.Client, path: str) -> None:
     cloud = _npy(client, path, n=1, seed=2**63 - 1, offset=2**53, scale=1e9)
     assert np.isfinite(cloud).all()
 
 
-def test_a_setting_lowers_the_most_points(settings: Settings, photo: bytes) -> None:
+def test_points_with_a_lower_max_points_setting_are_limited(settings: Settings, photo: bytes) -> None:
     lowered = settings.model_copy(update={"max_points": 100})
     with running(lowered) as server, httpx.Client(base_url=f"http://127.0.0.1:{server.port}") as client:
         path = client.post("/encode", content=photo).json()["links"]["points"]
@@ -147,7 +149,7 @@ def test_a_setting_lowers_the_most_points(settings: Settings, photo: bytes) -> N
     assert "100" in answer.json()["detail"]
 
 
-def test_head_computes_nothing(client: httpx.Client, path: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_head_of_points_computes_nothing(client: httpx.Client, path: str, monkeypatch: pytest.MonkeyPatch) -> None:
     get = client.get(path)
     monkeypatch.setattr(cloud_module, "Sampler", None)  # would fail
     head = client.head(path)
@@ -156,7 +158,7 @@ def test_head_computes_nothing(client: httpx.Client, path: str, monkeypatch: pyt
         assert head.headers[name] == get.headers[name]
 
 
-def test_memory_does_not_grow_with_n(client: httpx.Client, path: str) -> None:
+def test_points_of_large_n_take_no_more_memory(client: httpx.Client, path: str) -> None:
     """Server and client share this process: neither holds the 24 MB of a cloud of two million."""
     with client.stream("GET", f"{path}?n=2000000&format=npy") as answer:
         tracemalloc.start()
@@ -169,45 +171,45 @@ def test_memory_does_not_grow_with_n(client: httpx.Client, path: str) -> None:
     assert peak < 12_000_000
 
 
-def _parts_made(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Sizes of the parts that are sampled from now on."""
-    made: list[int] = []
+def _sampled_parts(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Record the sizes of the parts that are sampled from now on."""
+    sizes: list[int] = []
     original = Cloud.points
 
     def counting(self: Cloud, part: Part) -> Array:
-        made.append(part[1])
+        sizes.append(part[1])
         return original(self, part)
 
     monkeypatch.setattr(Cloud, "points", counting)
-    return made
+    return sizes
 
 
 @pytest.mark.parametrize("name", ["npy", "glb"])
-def test_a_client_that_leaves_ends_the_sampling(
+def test_points_of_a_client_that_leaves_stop_sampling(
     server: Server, path: str, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
-    made = _parts_made(monkeypatch)
+    sizes = _sampled_parts(monkeypatch)
     with socket.create_connection(("127.0.0.1", server.port), timeout=30) as connection:
         connection.sendall(f"GET {path}?n=10000000&format={name} HTTP/1.1\r\nHost: x\r\n\r\n".encode())
         deadline = time.monotonic() + 30
-        while not made:  # glb is in its pass for the bounds then, before a byte is sent
+        while not sizes:  # glb is in its pass for the bounds then, before a byte is sent
             assert time.monotonic() < deadline, "no part was ever sampled"
             time.sleep(0.001)
     before = -1
-    while before != len(made):
-        before = len(made)
+    while before != len(sizes):
+        before = len(sizes)
         time.sleep(0.5)
-    assert 0 < sum(made) < 5_000_000
+    assert 0 < sum(sizes) < 5_000_000
 
 
-def test_the_names_in_the_schema_are_those_of_the_formats() -> None:
+def test_point_format_names_of_the_schema_are_those_of_the_formats() -> None:
     assert get_args(PointFormatName) == tuple(POINT_FORMATS)
     assert PointsQuery(n=10_000_000).n == 10_000_000
 
 
 @pytest.mark.parametrize("offset", [0, 1, 4095, 4096, 100_001])
 @pytest.mark.parametrize("n", [1, 4096, 4097, 70_000, 200_000])
-def test_parts_cover_the_cloud_once(n: int, offset: int) -> None:
+def test_cloud_parts_cover_the_points_once(n: int, offset: int) -> None:
     spec = MappingSpec("small", 3, (4,), 3)
     parts = list(Cloud(spec, Functions(initial_theta(spec)), n, offset=offset).parts())
     ends = [start + count for start, count in parts]
@@ -217,7 +219,7 @@ def test_parts_cover_the_cloud_once(n: int, offset: int) -> None:
     assert parts[0][1] <= FIRST_PART
 
 
-def test_sobol_points_cover_the_object_more_evenly(client: httpx.Client, path: str) -> None:
+def test_points_with_sobol_cover_the_object_more_evenly(client: httpx.Client, path: str) -> None:
     uniform, sobol = _npy(client, path, n=4096), _npy(client, path, n=4096, sampling="sobol")
     assert not np.array_equal(uniform, sobol)
     np.testing.assert_array_equal(_npy(client, path, n=96, offset=4000, sampling="sobol"), sobol[4000:])
@@ -225,7 +227,7 @@ def test_sobol_points_cover_the_object_more_evenly(client: httpx.Client, path: s
     assert np.linalg.norm(sobol.mean(axis=0) - reference) < 0.3 * np.linalg.norm(uniform.mean(axis=0) - reference)
 
 
-def test_sobol_ends_where_its_sequence_does(client: httpx.Client, path: str) -> None:
+def test_points_with_sobol_past_its_sequence_are_refused(client: httpx.Client, path: str) -> None:
     assert client.get(f"{path}?sampling=sobol&n=10&offset={2**32 - 10}").status_code == 200
     answer = client.get(f"{path}?sampling=sobol&n=11&offset={2**32 - 10}")
     assert (answer.status_code, answer.json()["errors"][0]["field"]) == (422, "offset")

@@ -17,7 +17,9 @@ def links(client: httpx.Client, photo: bytes) -> dict[str, str]:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_known_answer_is_304_without_a_body(client: httpx.Client, links: dict[str, str], kind: str) -> None:
+def test_file_with_a_matching_etag_answers_304_without_a_body(
+    client: httpx.Client, links: dict[str, str], kind: str
+) -> None:
     first = client.get(links[kind])
     assert first.headers["ETag"].startswith('W/"')
     assert first.headers["Cache-Control"] == CACHE_CONTROL
@@ -28,7 +30,9 @@ def test_a_known_answer_is_304_without_a_body(client: httpx.Client, links: dict[
     assert client.get(links[kind], headers={"If-None-Match": '"other"'}).content == first.content
 
 
-def test_a_304_samples_nothing(client: httpx.Client, links: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_points_with_a_matching_etag_sample_nothing(
+    client: httpx.Client, links: dict[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     tag = client.get(links["points"]).headers["ETag"]
 
     def fail(self: Cloud, part: Part) -> Array:
@@ -56,13 +60,13 @@ def test_head_of_weights_computes_no_file(
     assert client.head(link, headers={"If-None-Match": full.headers["ETag"]}).status_code == 304
 
 
-def test_every_parameter_has_its_own_tag(client: httpx.Client, links: dict[str, str]) -> None:
+def test_etag_differs_for_every_parameter(client: httpx.Client, links: dict[str, str]) -> None:
     queries = ["", "?n=11", "?seed=1", "?offset=5", "?scale=2", "?format=npy", "?format=f32", "?format=f16"]
     tags = {client.head(links["points"] + query).headers["ETag"] for query in queries}
     assert len(tags) == len(queries)
 
 
-def test_the_tag_follows_the_negotiated_format(client: httpx.Client, links: dict[str, str]) -> None:
+def test_etag_follows_the_negotiated_format(client: httpx.Client, links: dict[str, str]) -> None:
     ply, glb = (client.head(links["points"], headers={"Accept": a}) for a in ("model/ply", "model/gltf-binary"))
     assert ply.headers["ETag"] != glb.headers["ETag"]
     assert ply.headers["Vary"] == "Accept, Accept-Encoding"
@@ -70,7 +74,7 @@ def test_the_tag_follows_the_negotiated_format(client: httpx.Client, links: dict
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_deleted_object_is_404_whatever_the_client_knows(
+def test_file_of_a_deleted_object_with_an_etag_answers_404(
     client: httpx.Client, links: dict[str, str], kind: str
 ) -> None:
     tag = client.get(links[kind]).headers["ETag"]
@@ -92,12 +96,12 @@ def test_a_deleted_object_is_404_whatever_the_client_knows(
         (None, False),
     ],
 )
-def test_weak_comparison(header: str | None, fresh: bool) -> None:
+def test_is_fresh_compares_weakly(header: str | None, fresh: bool) -> None:
     assert is_fresh(header, 'W/"a"') is fresh
 
 
 @pytest.mark.parametrize("name", ["xyz", "json"])
-def test_text_is_compressed_where_the_client_can_read_it(
+def test_text_points_with_accept_encoding_gzip_are_compressed(
     client: httpx.Client, links: dict[str, str], name: str
 ) -> None:
     path = f"{links['points']}?format={name}&n=20000"
@@ -111,7 +115,7 @@ def test_text_is_compressed_where_the_client_can_read_it(
 
 
 @pytest.mark.parametrize("kind", ["points?format=json", "points?format=xyz", "mesh?resolution=8"])
-def test_head_tells_no_length_where_only_the_whole_file_has_one(
+def test_head_of_a_file_of_unknown_length_has_no_content_length(
     client: httpx.Client, links: dict[str, str], kind: str
 ) -> None:
     link, query = kind.split("?")
@@ -121,7 +125,9 @@ def test_head_tells_no_length_where_only_the_whole_file_has_one(
     assert client.get("/health/live").status_code == 200  # on the same connection
 
 
-def test_binary_formats_are_sent_as_they_are(client: httpx.Client, links: dict[str, str]) -> None:
+def test_binary_points_with_accept_encoding_gzip_are_not_compressed(
+    client: httpx.Client, links: dict[str, str]
+) -> None:
     for name in ("ply", "npy", "glb", "f32"):
         answer = client.get(f"{links['points']}?format={name}", headers={"Accept-Encoding": "gzip"})
         assert "content-encoding" not in answer.headers
@@ -141,10 +147,10 @@ def test_binary_formats_are_sent_as_they_are(client: httpx.Client, links: dict[s
         (None, False),
     ],
 )
-def test_accept_encoding(header: str | None, accepted: bool) -> None:
+def test_accepts_gzip_returns_whether_gzip_is_allowed(header: str | None, accepted: bool) -> None:
     assert accepts_gzip(header) is accepted
 
 
-def test_a_tag_tells_its_parts_apart() -> None:
+def test_etag_differs_for_different_parts() -> None:
     assert etag("a", 1) != etag("a", 2) != etag("a", "2")
     assert etag("a", 1) == etag("a", 1)

@@ -22,7 +22,7 @@ def _post(port: int, photo: bytes) -> socket.socket:
     return connection
 
 
-def test_queued_images_of_clients_that_left_are_never_encoded(settings: Settings, slow_model: Path) -> None:
+def test_encode_of_clients_that_left_the_queue_never_runs(settings: Settings, slow_model: Path) -> None:
     with running(settings.model_copy(update={"model": (slow_model,), "threads": 1})) as server:
         runtime = runtime_of(server)
         (batcher,) = runtime.batchers.values()
@@ -40,7 +40,7 @@ def test_queued_images_of_clients_that_left_are_never_encoded(settings: Settings
         assert runtime.gates.images.held == 0
 
 
-def test_a_client_that_leaves_a_running_image_makes_room_and_stores_nothing(
+def test_encode_of_a_client_that_left_releases_room_and_stores_nothing(
     settings: Settings,
     slow_model: Path,
 ) -> None:
@@ -62,7 +62,7 @@ def test_a_client_that_leaves_a_running_image_makes_room_and_stores_nothing(
         assert received.count(b'"kind"') == 1
 
 
-def test_a_thread_that_has_begun_is_waited_for_and_what_it_takes_stays_counted(settings: Settings) -> None:
+def test_runtime_run_when_canceled_stays_counted_until_its_thread_ends(settings: Settings) -> None:
     began, may_end = threading.Event(), threading.Event()
     ran: list[str] = []
 
@@ -94,7 +94,7 @@ def test_a_thread_that_has_begun_is_waited_for_and_what_it_takes_stays_counted(s
         assert ran == ["one"]
 
 
-def test_an_upload_that_stalls_is_ended_and_frees_its_room(settings: Settings) -> None:
+def test_upload_that_stalls_answers_408_and_releases_room(settings: Settings) -> None:
     with running(settings.model_copy(update={"client_timeout_s": 0.2})) as server:
         with socket.create_connection(("127.0.0.1", server.port), timeout=DEADLINE_S) as connection:
             connection.sendall(b"POST /encode HTTP/1.1\r\nHost: x\r\nContent-Length: 1000\r\n\r\nabc")
@@ -105,7 +105,7 @@ def test_an_upload_that_stalls_is_ended_and_frees_its_room(settings: Settings) -
         assert (gates.images.held, gates.uploads.held) == (0, 0)
 
 
-def test_an_upload_that_drips_is_ended_and_frees_its_room(settings: Settings) -> None:
+def test_upload_that_drips_answers_408_and_releases_room(settings: Settings) -> None:
     with running(settings.model_copy(update={"client_timeout_s": 0.5})) as server:
         gate = runtime_of(server).gates.images
         with socket.create_connection(("127.0.0.1", server.port), timeout=DEADLINE_S) as connection:
@@ -121,7 +121,7 @@ def test_an_upload_that_drips_is_ended_and_frees_its_room(settings: Settings) ->
         assert b"fewer than 8192 a second" in answer
 
 
-def test_a_stream_that_nobody_takes_is_ended_and_frees_its_room(settings: Settings, photo: bytes) -> None:
+def test_stream_that_nobody_reads_ends_and_releases_room(settings: Settings, photo: bytes) -> None:
     with running(settings.model_copy(update={"client_timeout_s": 0.2})) as server:
         gate = runtime_of(server).gates.points
         with httpx.Client(base_url=f"http://127.0.0.1:{server.port}", timeout=DEADLINE_S) as client:
