@@ -266,4 +266,4 @@ def test_compose_with_different_color_specs_is_refused(client: httpx.Client) -> 
     ]
     answer = client.post("/compose", json={"objects": ids})
     assert (answer.status_code, answer.json()["errors"][0]["field"]) == (422, "objects[1]")
-    assert "colour's hidden (9,), objects[0] (8,)" in answer.json()["detail"]
+    assert "color's hidden (9,), objects[0] (8,)" in answer.json()["detail"]
