@@ -1,4 +1,4 @@
-"""A picture of a point cloud: orthographic, each point a disc, the nearest one seen, lit by depth alone. NumPy only."""
+"""A picture of a point cloud: orthographic, each point a disc, shaded by depth alone. NumPy only."""
 
 import math
 from typing import Final
@@ -12,20 +12,18 @@ Bytes = npt.NDArray[np.uint8]
 
 AZIMUTH_DEG: Final = 30.0
 ELEVATION_DEG: Final = 22.0
-EXTENT: Final = 1.45  # of the object frame, shown from edge to edge: the unit cube fits from any side
+EXTENT: Final = 1.45  # width of the picture in the object frame; the unit cube fits from any side
 NEAR: Final = np.array([96, 134, 188], np.float64)  # RGB of the nearest points
 FAR: Final = np.array([176, 196, 222], np.float64)
 GROUND: Final = 255
 SUPERSAMPLING: Final = 2
-DIMMEST: Final = 0.7  # of their colour's light: the farthest points
-DISC: Final = (
-    0.8  # a disc's radius, in sides of the picture over the root of the number of points: so that surfaces close
-)
-WIDEST: Final = 1 / 75  # the same, in sides, for few points
-REACHES: Final = (1 / 160, 1 / 80, 1 / 40)  # sides: how far around a pixel something may shade it
-DEEPEST: Final = 0.15  # longest sides: what is nearer by more shades no more than that
-SHADE: Final = 10.0  # how dark: light falls by 1 / e where all around is nearer by 1 / SHADE
-BEHIND: Final = -10.0  # the depth of the ground
+DIMMEST: Final = 0.7  # brightness of the farthest colored points, relative to the nearest
+DISC: Final = 0.8  # radius of n points' discs is DISC / sqrt(n) of the picture's side: surfaces have no holes
+WIDEST: Final = 1 / 75  # largest radius of a disc, share of the picture's side
+REACHES: Final = (1 / 160, 1 / 80, 1 / 40)  # distances at which a pixel may be shaded, shares of the picture's side
+DEEPEST: Final = 0.15  # object frame; a larger difference in depth shades no more than this
+SHADE: Final = 10.0  # light falls to 1 / e if all neighbors are nearer by 1 / SHADE
+BEHIND: Final = -10.0  # depth of the background
 
 
 def draw(
@@ -35,43 +33,49 @@ def draw(
     elevation: float = ELEVATION_DEG,
     colors: Colors | None = None,
 ) -> Bytes:
-    """Draw points over white, with smooth edges: (n, 3) float32, object frame -> (size, size, 3) uint8 RGB.
+    """Draw points over white, with smooth edges.
 
     Parameters
     ----------
-    colors : of the points, (n, 3) uint8; None for shades of blue.
-    azimuth, elevation : of the camera, degrees; azimuth 0 looks at the front (+Z).
+    points : (n, 3) float32, object frame.
+    size : side of the picture, pixels.
+    azimuth, elevation : direction of the camera, degrees; azimuth 0 looks at the front (+Z).
+    colors : (n, 3) uint8; None for shades of blue.
+
+    Returns
+    -------
+    (size, size, 3) uint8, RGB.
     """
     toward, right, up = camera_axes(azimuth, elevation)
     depth = points @ toward
-    nearest = _nearest(np.stack([points @ right, -(points @ up)], axis=1), depth, SUPERSAMPLING * size)
+    visible = _visible_points(np.stack([points @ right, -(points @ up)], axis=1), depth, SUPERSAMPLING * size)
     shade = np.clip((depth + 0.7) / 1.4, 0, 1)[:, None]  # 1 is nearest
-    colour = FAR + (NEAR - FAR) * shade if colors is None else colors * (DIMMEST + (1 - DIMMEST) * shade)
-    is_ground = nearest < 0
-    light = _light(np.where(is_ground, np.float32(BEHIND), depth[nearest]))
-    image = colour[nearest] * light[..., None]
+    color = FAR + (NEAR - FAR) * shade if colors is None else colors * (DIMMEST + (1 - DIMMEST) * shade)
+    is_ground = visible < 0
+    light = _light(np.where(is_ground, np.float32(BEHIND), depth[visible]))
+    image = color[visible] * light[..., None]
     image[is_ground] = GROUND
     smooth: Bytes = image.reshape(size, SUPERSAMPLING, size, SUPERSAMPLING, 3).mean(axis=(1, 3)).astype(np.uint8)
     return smooth
 
 
-def _nearest(places: Array, depth: Array, size: int) -> npt.NDArray[np.intp]:
-    """The number of the point that each pixel shows, (size, size), -1 for none; `places` (n, 2) are right and down."""
+def _visible_points(places: Array, depth: Array, size: int) -> npt.NDArray[np.intp]:
+    """Return the index of the nearest point at each pixel, (size, size), or -1; `places` (n, 2) are right and down."""
     radius = size * min(DISC / len(places) ** 0.5, WIDEST)
     spread = np.arange(-math.floor(radius), math.floor(radius) + 1)
     dx, dy = (part.ravel() for part in np.meshgrid(spread, spread))
     is_disc = dx**2 + dy**2 <= radius**2
-    order = np.argsort(depth)  # far to near: the last one written wins
+    order = np.argsort(depth)  # far to near: nearer points overwrite
     columns, rows = np.floor(size / 2 + places[order].T * (size / EXTENT)).astype(int)[:, :, None]
     columns, rows = columns + dx[is_disc], rows + dy[is_disc]  # (n, disc)
-    seen = (columns >= 0) & (columns < size) & (rows >= 0) & (rows < size)
-    shown = np.full(size * size, -1)
-    shown[(rows * size + columns)[seen]] = np.broadcast_to(order[:, None], seen.shape)[seen]
-    return shown.reshape(size, size)
+    inside = (columns >= 0) & (columns < size) & (rows >= 0) & (rows < size)
+    visible = np.full(size * size, -1)
+    visible[(rows * size + columns)[inside]] = np.broadcast_to(order[:, None], inside.shape)[inside]
+    return visible.reshape(size, size)
 
 
 def _light(depth: Array) -> Array:
-    """Eye-dome lighting (Boucheny 2009): (h, w) -> (h, w), a pixel is the darker the more around it is nearer."""
+    """Compute eye-dome lighting (Boucheny 2009), (h, w) -> (h, w): the nearer its neighbors, the darker a pixel."""
     height, width = depth.shape
     nearer = np.zeros_like(depth)
     for reach in REACHES:
@@ -86,7 +90,7 @@ def _light(depth: Array) -> Array:
 
 
 def camera_axes(azimuth: float, elevation: float) -> tuple[Array, Array, Array]:
-    """Unit vectors, object frame: from the object to the camera, the camera's right, its up (degrees in)."""
+    """Return unit vectors in the object frame: toward the camera, its right and its up. Angles are in degrees."""
     a, e = math.radians(azimuth), math.radians(elevation)
     toward = np.array([math.sin(a) * math.cos(e), math.sin(e), math.cos(a) * math.cos(e)], np.float32)
     right = np.array([math.cos(a), 0, -math.sin(a)], np.float32)

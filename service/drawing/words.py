@@ -1,4 +1,4 @@
-"""Words over two objects in a picture: for k = 2 the paper's tree, for larger k its gradient (Object Interpolation)."""
+"""A picture of the words over two objects: for k = 2 the paper's tree, else its gradient (Object Interpolation)."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -10,16 +10,16 @@ from service.mapping.spec import Array
 
 Cell = tuple[str, Array]  # label, points (n, 3)
 
-CELL: Final = 320  # pixels
-LABEL: Final = 28
-MAX_POINTS: Final = 100_000  # of a cell: more would only fill it
+CELL: Final = 320  # side of a cell, pixels
+LABEL: Final = 28  # height of a label, pixels
+MAX_POINTS: Final = 100_000  # of a cell; more would not be visible
 
 
 def rows_of_words(k: int) -> list[list[str]]:
-    """The words over A and B that a sheet shows, k of 2 or more.
+    """Return the words over A and B that a sheet shows, for k of 2 or more.
 
-    k = 2 : a row for each function that may come first: it alone, and what either makes of that; A, AA, BA
-        and B, AB, BB.
+    k = 2 : a row for each function that is applied first: that function alone, then either function after it:
+        A, AA, BA and B, AB, BB.
     k > 2 : one row from A to B: AAAA, AAAB, AABB, ABBB, BBBB.
     """
     if k == 2:
@@ -28,7 +28,7 @@ def rows_of_words(k: int) -> list[list[str]]:
 
 
 def label(word: str, k: int) -> str:
-    """A word, and what it computes: "AB = A(B(x))"; of one letter "A(x)"."""
+    """Return a word with its formula, "AB = A(B(x))"; for one letter the formula alone, "A(x)"."""
     formula = f"{'('.join(word)}(x{')' * len(word)}"
     if len(word) == 1:
         return formula
@@ -36,7 +36,7 @@ def label(word: str, k: int) -> str:
 
 
 def sheet(rows: Sequence[Sequence[Cell]], title: str = "", cell: int = CELL) -> Image.Image:
-    """Clouds in rows, all seen from the same side, each under its label, in squares of `cell` pixels."""
+    """Draw clouds in rows, all from the same side, each under its label, in squares of `cell` pixels."""
     font = ImageFont.load_default(LABEL // 2)
     columns, top = max(map(len, rows)), LABEL if title else 0
     image = Image.new("RGB", (columns * cell, top + len(rows) * (LABEL + cell)), "white")

@@ -1,4 +1,4 @@
-"""The image encoder g_phi: an ONNX file with its own description -> theta, and colour where it has one."""
+"""The image encoder g_phi: an ONNX file that describes itself; it computes theta, and color if it has color."""
 
 import hashlib
 import json
@@ -12,19 +12,19 @@ from service.encoding.framing import Framing
 from service.errors import InvalidModel, InvalidSpec
 from service.mapping.spec import Array, Color, Functions, MappingSpec, check_color_spec
 
-FORMAT: Final = 1  # of the metadata; files of before it was written have none
-MAX_SIDE: Final = 4096  # of an encoder's input, pixels: far above any real one
+FORMAT: Final = 1  # of the metadata; files written before this field existed lack it
+MAX_SIDE: Final = 4096  # pixels, of an encoder's input; far above any real encoder
 
 
 class Encoder:
-    """One onnxruntime session and what its file says about itself.
+    """One onnxruntime session, and the metadata of its file.
 
     Attributes
     ----------
-    spec : what the thetas mean.
-    color_spec : what the colours' weights mean; None where the model has no colour.
-    framing : how the encoder wants its images.
-    name, card : the model's name, and the whole model card, as in the file.
+    spec : spec of the thetas.
+    color_spec : spec of the color's weights; None if the model has no color.
+    framing : framing of the input images.
+    name, card : the model's name, and the whole model card.
     digest : sha256 of the file, hexadecimal.
     """
 
@@ -43,12 +43,12 @@ class Encoder:
 
     @classmethod
     def open(cls, path: Path, threads: int) -> "Encoder":
-        """Load a model file to run on so many threads.
+        """Load a model file to run on `threads` threads.
 
         Raises
         ------
-        InvalidModel : the file is missing, corrupt, newer than this code or no image encoder, lacks its metadata,
-            or its metadata disagrees with its graph.
+        InvalidModel : the file is missing, corrupt, newer than this code or not an image encoder, has no metadata,
+            or has metadata that disagree with its graph.
         """
         try:
             return cls(path, threads)
@@ -61,11 +61,11 @@ class Encoder:
             raise InvalidModel(f"the model {path} is unusable: {error.detail}") from error
 
     def encode(self, images: Array) -> list[Functions]:
-        """What each image shows (paper, section 3.2): (b, 3, size, size) in [0, 1] -> b objects' functions.
+        """Compute each image's functions (paper, section 3.2): (b, 3, size, size) in [0, 1] -> b objects.
 
         Raises
         ------
-        InvalidModel : the network gave a number that is not finite.
+        InvalidModel : an output is not finite.
         """
         names = list(self.outputs)
         outputs = dict(zip(names, self._session.run(names, {"image": images}), strict=True))
@@ -78,31 +78,31 @@ class Encoder:
         return [Functions(theta, color) for theta, color in zip(outputs["theta"], colors, strict=True)]
 
     def blank(self) -> Array:
-        """A white image as input, (1, 3, size, size): what asks for an inference and nothing else."""
+        """Return a white image, (1, 3, size, size): the input for warm-up and health checks."""
         return np.ones((1, 3, self.framing.size, self.framing.size), np.float32)
 
     def warm_up(self) -> None:
-        """One inference: allocates what the first request would wait for."""
+        """Run one inference, so that the first request does not wait for memory to be allocated."""
         self.encode(self.blank())
 
     @property
     def outputs(self) -> dict[str, list[int]]:
-        """Names of the graph's outputs, and their shapes for one image."""
+        """Names of the graph's outputs, with their shapes for one image."""
         theta = {"theta": [self.spec.size]}
         return theta if self.color_spec is None else theta | {"color": [self.color_spec.size]}
 
     def _check_graph(self) -> None:
-        """Refuse metadata that disagrees with the graph."""
+        """Raise InvalidModel if the metadata disagree with the graph."""
         size = self.framing.size
         _check_tensors("input", self._session.get_inputs(), {"image": [3, size, size]})
         _check_tensors("output", self._session.get_outputs(), self.outputs)
 
 
 def open_session(source: Path | bytes, threads: int, *, arena: bool = True) -> ort.InferenceSession:
-    """An ONNX file as a session on so many threads that sleep between calls.
+    """Open an ONNX file as a session on `threads` threads, which sleep between calls. Raises InvalidModel.
 
-    Of bytes onnxruntime keeps a copy, of a path none. Without `arena` the memory of a call goes back to the
-    system after it. Raises InvalidModel.
+    onnxruntime keeps a copy of bytes, but not of a file. Without `arena`, the memory of a call returns to the system
+    after it.
     """
     options = ort.SessionOptions()
     options.intra_op_num_threads = threads  # onnxruntime's own guess ignores CPU quotas
@@ -113,20 +113,21 @@ def open_session(source: Path | bytes, threads: int, *, arena: bool = True) -> o
         return ort.InferenceSession(source, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime raises a class of its own for each way to be corrupt
         raise InvalidModel(
-            f"it is no ONNX file that onnxruntime can load ({type(error).__name__}); get it anew"
+            f"onnxruntime cannot load it ({type(error).__name__}): not an ONNX file, or damaged; download it again"
         ) from error
 
 
 def _check_format(metadata: dict[str, str]) -> None:
-    """Refuse the files of newer versions."""
-    told = metadata.get("hof.format", str(FORMAT))
-    if told != str(FORMAT):
+    """Raise InvalidModel for files of newer versions."""
+    version = metadata.get("hof.format", str(FORMAT))
+    if version != str(FORMAT):
         raise InvalidModel(
-            f"it is of format {told[:20]}, this version of hof reads {FORMAT}: install a newer hof, or export it anew"
+            f"it has format {version[:20]}, this version of hof reads {FORMAT}: install a newer hof, or export it again"
         )
 
 
 def _metadata(metadata: dict[str, str], key: str) -> object:
+    """Decode the JSON value of a key. Raises InvalidModel."""
     if key not in metadata:
         raise InvalidModel(f"its metadata lacks {key!r}; export it with `hof-model export`")
     try:
@@ -139,11 +140,11 @@ def _spec(metadata: dict[str, str], key: str) -> MappingSpec:
     try:
         return MappingSpec.from_dict(_metadata(metadata, key))
     except InvalidSpec as error:
-        raise InvalidModel(f"its metadata {key!r} is no mapping spec: {error.detail}") from error
+        raise InvalidModel(f"its metadata {key!r} is not a valid mapping spec: {error.detail}") from error
 
 
 def _color_spec(metadata: dict[str, str], spec: MappingSpec) -> MappingSpec | None:
-    """The spec of the colours, where the file has any."""
+    """Return the spec of the color; None if the model has no color."""
     if "hof.color_spec" not in metadata:
         return None
     color_spec = _spec(metadata, "hof.color_spec")
@@ -171,12 +172,12 @@ def _card(metadata: dict[str, str]) -> dict[str, Any]:
 
 
 def _check_tensors(kind: str, tensors: list[Any], expected: dict[str, list[int]]) -> None:
-    """The tensors of that kind must be float32 (batch, *shape), by name, and no others; the batch size left open."""
-    found = {tensor.name: tensor for tensor in tensors}
-    if found.keys() != expected.keys():
-        raise InvalidModel(f"by its metadata its {kind} is {' and '.join(expected)}, by its graph {', '.join(found)}")
+    """Raise InvalidModel unless the tensors are those expected, float32 (batch, *shape) with the batch size open."""
+    by_name = {tensor.name: tensor for tensor in tensors}
+    if by_name.keys() != expected.keys():
+        raise InvalidModel(f"by its metadata its {kind} is {' and '.join(expected)}, by its graph {', '.join(by_name)}")
     for name, shape in expected.items():
-        tensor = found[name]
+        tensor = by_name[name]
         if tensor.type != "tensor(float)":
             raise InvalidModel(f"its {kind} {name!r} must be float32, not {tensor.type}")
         if tensor.shape[1:] != shape or isinstance(tensor.shape[0], int):

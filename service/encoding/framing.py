@@ -1,8 +1,7 @@
 """Bytes of a photo -> the encoder's input, framed exactly as in training.
 
-decode (limits, EXIF, every colour mode) -> mask (alpha, else a uniform border, else matting where there is
-a model for it) -> square crop around the object -> resize -> composite over white -> (1, 3, size, size)
-float32 in [0, 1].
+decode (limits, EXIF, every color mode) -> mask (alpha, else a uniform border, else matting if a model is loaded)
+-> square crop around the object -> resize -> composite over white -> (1, 3, size, size) float32 in [0, 1].
 """
 
 from collections.abc import Callable
@@ -19,42 +18,42 @@ from service.errors import InvalidParameter, NoObjectFound
 Background = Literal["auto", "keep", "remove"]
 Mask = Literal["alpha", "border", "matting", "none"]
 Box = tuple[int, int, int, int]
-Matte = npt.NDArray[np.uint8]  # (H, W), 255 where the object surely is
-MattingFunction = Callable[[Image.Image], Matte]  # of an RGB image; service.encoding.matting has one
+Matte = npt.NDArray[np.uint8]  # (H, W), 0 for background to 255 for the object
+MattingFunction = Callable[[Image.Image], Matte]  # takes an RGB image; `service.encoding.matting` implements it
 
 ALPHA_FLOOR: Final = 8  # of 255; fainter pixels are background
 BORDER_TOLERANCE: Final = 12  # of 255, largest channel difference to the border's median
 BORDER_SOFTNESS: Final = 16  # of 255; over this the matte rises from 0 to 1
-BORDER_SHARE: Final = 0.8  # of the border's pixels must look alike for a uniform border
-MATTING_FLOOR: Final = 128  # of 255: the edge of a matte that a network guessed
-MIN_CONFIDENCE: Final = 0.7  # of such a matte; of 40 renders over photographs the wrong mattes had 0.42 to 0.61
+BORDER_SHARE: Final = 0.8  # of the border's pixels must be alike for a uniform border
+MATTING_FLOOR: Final = 128  # of 255; pixels above it are object in a matte from a network
+MIN_CONFIDENCE: Final = 0.7  # of a matte from a network; in 40 renders over photographs, wrong mattes had 0.42 to 0.61
 MIN_FOREGROUND: Final = 5e-4  # of the image's pixels
 NO_MASK: Final = (
     "the background cannot be removed: the image has neither transparency nor a uniform border, and no matting "
     "model is loaded: set HOF_MATTING_MODEL, or U2NET_HOME to the folder of u2netp.onnx"
 )
 
-# The matte by the largest difference of a channel from the border's colour.
+# Matte value for the largest channel difference from the border's color.
 _RAMP: Final = ((np.arange(256) - BORDER_TOLERANCE) * (255 / BORDER_SOFTNESS)).clip(0, 255).astype(int).tolist()
 
 
 @dataclass(frozen=True)
 class Framing:
-    """How an encoder wants its input: a square of `size` pixels, whose longest object side takes
-    `foreground_ratio` of it."""
+    """The input that an encoder expects: a square of `size` pixels, in which the object's longer side takes the
+    share `foreground_ratio`."""
 
     size: int = 64
     foreground_ratio: float = 0.85
 
 
 class Crop(NamedTuple):
-    """A square of a photo.
+    """A square of a photo, around the object.
 
-    rgba : of (size, size), its alpha saying what is object.
-    mask : what that alpha comes from.
-    box : left, top, right, bottom of what was taken, pixels of the photo.
-    confidence : mean of the matte, weighted by itself: 1 where every pixel is either object or background, less
-        the more lie between. None where there is no mask.
+    rgba : (size, size) image; its alpha is the object's mask.
+    mask : source of the mask.
+    box : left, top, right, bottom of the object, pixels of the photo.
+    confidence : mean of the matte, weighted by itself: 1 if every pixel is either object or background, less
+        for each pixel in between. None without a mask.
     """
 
     rgba: Image.Image
@@ -65,13 +64,13 @@ class Crop(NamedTuple):
 
 @dataclass(frozen=True)
 class Framed:
-    """An encoder's input and how it came about.
+    """An encoder's input and its origin in the photo.
 
     tensor : (1, 3, size, size) float32 in [0, 1], RGB, the object over white.
-    mask : which mask was taken.
-    box : left, top, right, bottom of what was taken, pixels of the upright image.
-    confidence : of the mask, as in `Crop`.
-    width, height : of the upright image, pixels.
+    mask : source of the mask.
+    box : left, top, right, bottom of the object, pixels of the upright image.
+    confidence : confidence of the mask, as in `Crop`.
+    width, height : size of the upright image, pixels.
     """
 
     tensor: npt.NDArray[np.float32]
@@ -89,8 +88,8 @@ def frame(
 
     Raises
     ------
-    NoObjectFound : the mask is empty, or matting is too unsure of it.
-    InvalidParameter : `background="remove"` where nothing tells the background.
+    NoObjectFound : the mask is empty, or the matting model is not confident enough.
+    InvalidParameter : `background="remove"`, but there is no mask.
     """
     factor = max(1, -(-max(image.size) // WORK_SIDE))
     work = image.reduce(factor) if factor > 1 else image
@@ -119,10 +118,10 @@ def preprocess(
     max_pixels: int = DEFAULT_MAX_PIXELS,
     matting: MattingFunction | None = None,
 ) -> Framed:
-    """A photo's bytes -> the encoder's input. Raises as `decode` and `frame` do."""
+    """Turn the bytes of a photo into the encoder's input. Raises as `decode` and `frame` do."""
     image, (width, height) = decode_with_size(data, max_pixels)
     crop = frame(image, framing, background, matting)
-    x, y = width / image.width, height / image.height  # above 1 where a JPEG was decoded at a part of its size
+    x, y = width / image.width, height / image.height  # above 1 for a JPEG decoded at reduced size
     left, top, right, bottom = crop.box
     box = (round(left * x), round(top * y), round(right * x), round(bottom * y))
     return Framed(over_white(crop.rgba), crop.mask, box, crop.confidence, width, height)
@@ -137,7 +136,7 @@ def over_white(rgba: Image.Image) -> npt.NDArray[np.float32]:
 
 
 def _matte(image: Image.Image, matting: MattingFunction | None) -> tuple[Mask, Matte | None]:
-    """What tells the object from its background, and the matte; None where nothing does."""
+    """Return the source of the mask, and the matte; None if no source applies."""
     if image.mode == "RGBA":
         return "alpha", np.asarray(image)[..., 3]
     matte = _border_matte(image)
@@ -147,31 +146,31 @@ def _matte(image: Image.Image, matting: MattingFunction | None) -> tuple[Mask, M
 
 
 def _confidence(matte: Matte) -> float:
-    """The matte's mean, weighted by the matte itself, in (0, 1]: (H, W), not all of it 0."""
+    """Return the mean of a matte (H, W), weighted by the matte itself, in (0, 1]. It must not be all 0."""
     counts, levels = np.array(Image.fromarray(matte).histogram()), np.arange(256)
     return float((counts * levels**2).sum() / (counts * levels).sum() / 255)
 
 
 def _border_matte(image: Image.Image) -> Matte | None:
-    """Alpha (H, W) of what differs from a uniform border; None where the border is not uniform."""
+    """Return the matte of the pixels that differ from a uniform border; None if the border is not uniform."""
     edge = max(1, min(image.size) // 64)
-    colour = np.median(_ring(np.asarray(image), edge), axis=0).astype(int)
-    apart = ImageChops.difference(image, Image.new("RGB", image.size, tuple(colour.tolist())))
-    red, green, blue = apart.split()
-    farthest = ImageChops.lighter(ImageChops.lighter(red, green), blue)  # in Pillow five times as fast as in NumPy
+    color = np.median(_ring(np.asarray(image), edge), axis=0).astype(int)
+    difference = ImageChops.difference(image, Image.new("RGB", image.size, tuple(color.tolist())))
+    red, green, blue = difference.split()
+    farthest = ImageChops.lighter(ImageChops.lighter(red, green), blue)  # five times as fast in Pillow as in NumPy
     if (_ring(np.asarray(farthest), edge) <= BORDER_TOLERANCE).mean() < BORDER_SHARE:
         return None
     return np.asarray(farthest.point(_RAMP))
 
 
 def _ring(pixels: npt.NDArray[np.uint8], edge: int) -> npt.NDArray[np.uint8]:
-    """What lies within `edge` pixels of a side, the corners twice: (H, W, ...) -> (n, ...)."""
+    """Return the pixels within `edge` of a side, corners twice: (H, W, ...) -> (n, ...)."""
     sides = (pixels[:edge], pixels[-edge:], pixels[:, :edge], pixels[:, -edge:])
     return np.concatenate([side.reshape(-1, *pixels.shape[2:]) for side in sides])
 
 
 def _foreground_box(matte: Matte, floor: int) -> Box:
-    """Bounding box of the pixels above a floor, specks left out."""
+    """Return the bounding box of the pixels above a floor, without specks. Raises NoObjectFound."""
     solid = matte > floor
     if solid.mean() < MIN_FOREGROUND:
         raise NoObjectFound("no object found in the image: nothing stands out from its background", field="image")
@@ -180,14 +179,14 @@ def _foreground_box(matte: Matte, floor: int) -> Box:
 
 
 def _span(counts: npt.NDArray[np.int_]) -> tuple[int, int]:
-    """First and one past the last index, 0.02% of the foreground cut from each end."""
+    """Return the first index and one past the last, after 0.02% of the foreground are cut from each end."""
     total = np.cumsum(counts)
     slack = int(total[-1] * 2e-4)
     return int(np.searchsorted(total, slack, side="right")), int(np.searchsorted(total, total[-1] - slack)) + 1
 
 
 def _crop(rgba: Image.Image, box: Box, foreground_ratio: float, size: int) -> Image.Image:
-    """The square around a box, resized to (size, size)."""
+    """Cut out the square around a box and resize it to (size, size)."""
     square = _square(box, foreground_ratio)
     shrink = (square[2] - square[0]) // (2 * WORK_SIDE)
     if shrink > 1:  # a small ratio makes a square far larger than the image
@@ -199,8 +198,8 @@ def _crop(rgba: Image.Image, box: Box, foreground_ratio: float, size: int) -> Im
 
 
 def _square(box: Box, foreground_ratio: float) -> Box:
-    """The square around the box's centre whose side times `foreground_ratio` is the longer side."""
+    """Return the square around the box's center whose side, times `foreground_ratio`, is the box's longer side."""
     left, top, right, bottom = box
     side = max(1, round(max(right - left, bottom - top) / foreground_ratio))
-    x, y = (left + right - side) // 2, (top + bottom - side) // 2  # rounds alike wherever the object stands
+    x, y = (left + right - side) // 2, (top + bottom - side) // 2  # rounds in the same way at every position
     return x, y, x + side, y + side

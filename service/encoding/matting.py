@@ -1,12 +1,12 @@
-"""A photo -> what of it is object, in front of any background: U2-Net's small model, u2netp.
+"""Matting: separate the object of a photo from any background, with U2-Net's small model, u2netp.
 
-Qin et al., U2-Net: Going Deeper with Nested U-Structure for Salient Object Detection, Pattern Recognition 2020;
-the ONNX file is that of the rembg project, and so are the name and place at which it is looked for.
+Qin et al., U2-Net: Going Deeper with Nested U-Structure for Salient Object Detection, Pattern Recognition 2020.
+The ONNX file, its name and its default folder are those of the rembg project.
 
-Run by onnxruntime directly, not through rembg, because rembg
-- stretches every matte to the range 0 to 1: grass has a largest value of 0.27 there, and becomes an object;
-- imports pymatting, which compiles for about a minute at a first start, and adds 180 MiB to the process;
-- fetches the model where it is missing, which a service should never do.
+It is run by onnxruntime directly, not through rembg, because rembg
+- stretches every matte to the range 0 to 1: grass, whose largest value is 0.27, becomes an object;
+- imports pymatting, which compiles for about a minute at the first start and adds 180 MiB to the process;
+- downloads the model if it is missing, which a service should never do.
 """
 
 import hashlib
@@ -22,10 +22,10 @@ from PIL import Image
 from service.encoding.encoder import open_session
 from service.errors import InvalidModel
 
-SIDE: Final = 320  # of U2-Net's input and output, pixels
+SIDE: Final = 320  # pixels, of U2-Net's input and output
 MEAN: Final = np.array([0.485, 0.456, 0.406], np.float32)  # ImageNet's, RGB
 DEVIATION: Final = np.array([0.229, 0.224, 0.225], np.float32)
-KEPT: Final = 32  # mattes of the last photos, 0.4 MB each: a repeat costs no inference
+CACHED_MATTES: Final = 32  # 0.4 MB each; a repeated photo costs no inference
 
 
 class Matting:
@@ -37,22 +37,22 @@ class Matting:
     """
 
     def __init__(self, data: bytes, threads: int) -> None:
-        # With an arena the process would keep the 275 MiB that a call takes, for 20% less time.
+        # An arena would keep the 275 MiB of a call in the process, and make calls only 20% faster.
         self._session = open_session(data, threads, arena=False)
-        self._lock = threading.Lock()  # one call at a time has all threads; two would take the memory twice
-        self._matte_of = lru_cache(KEPT)(self._run)
+        self._lock = threading.Lock()  # one call uses all threads; two at a time would double the memory
+        self._matte_of = lru_cache(CACHED_MATTES)(self._run)
         self.digest: Final = hashlib.sha256(data).hexdigest()
         shapes = [tensors[0].shape[1:] for tensors in (self._session.get_inputs(), self._session.get_outputs())]
         if shapes != [[3, SIDE, SIDE], [1, SIDE, SIDE]]:
-            raise InvalidModel(f"it is no U2-Net: its input and output have shapes {shapes}")
+            raise InvalidModel(f"it is not U2-Net: its input and output have shapes {shapes}")
 
     @classmethod
     def of(cls, path: Path | None, threads: int) -> "Matting | None":
-        """Load a model file to run on so many threads; None for no file.
+        """Load a model file to run on `threads` threads; return None if there is no path.
 
         Raises
         ------
-        InvalidModel : the file is missing, corrupt, or no U2-Net.
+        InvalidModel : the file is missing, corrupt, or not U2-Net.
         """
         if path is None:
             return None
@@ -60,20 +60,20 @@ class Matting:
             return cls(path.read_bytes(), threads)
         except OSError as error:
             raise InvalidModel(
-                f"cannot read the matting model {path}: {error.strerror}; the README tells how to get it, and without "
-                "HOF_MATTING_MODEL and U2NET_HOME the service does without"
+                f"cannot read the matting model {path}: {error.strerror}; download it as the README says, or unset "
+                "HOF_MATTING_MODEL and U2NET_HOME to run without matting"
             ) from error
         except InvalidModel as error:
             raise InvalidModel(f"the matting model {path} is unusable: {error.detail}") from error
 
     def __call__(self, image: Image.Image) -> npt.NDArray[np.uint8]:
-        """RGB photo of any size -> its matte (H, W), 255 where the object surely is."""
+        """Return the matte (H, W) of an RGB photo of any size: 0 for background to 255 for the object."""
         pixels = image.resize((SIDE, SIDE), Image.Resampling.LANCZOS).tobytes()
         matte = Image.fromarray(self._matte_of(pixels))
         return np.asarray(matte.resize(image.size, Image.Resampling.BILINEAR))
 
     def _run(self, pixels: bytes) -> npt.NDArray[np.uint8]:
-        """RGB bytes of (SIDE, SIDE) -> matte (SIDE, SIDE): the first of U2-Net's outputs, which fuses the others."""
+        """Compute the matte (SIDE, SIDE) of RGB bytes of that size: U2-Net's first output, which fuses the others."""
         rgb = np.frombuffer(pixels, np.uint8).reshape(SIDE, SIDE, 3)
         scaled = (rgb / np.float32(max(int(rgb.max()), 1)) - MEAN) / DEVIATION
         tensor = np.ascontiguousarray(scaled.transpose(2, 0, 1)[None])  # (1, 3, SIDE, SIDE)

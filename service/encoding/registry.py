@@ -1,4 +1,4 @@
-"""The image encoders that a service has loaded, by name."""
+"""The loaded image encoders, by name."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -8,18 +8,18 @@ from service.errors import InvalidModel, InvalidParameter
 
 
 class Models:
-    """Encoders in the order of their files, at least one; the first is the default."""
+    """Encoders in the order of their files. There is at least one, and the first is the default."""
 
     def __init__(self, encoders: Sequence[Encoder]) -> None:
         self._by_name = {encoder.name: encoder for encoder in encoders}
 
     @classmethod
     def open(cls, paths: Sequence[Path], threads: int) -> "Models":
-        """Load model files to run on so many threads each.
+        """Load model files, each to run on `threads` threads.
 
         Raises
         ------
-        InvalidModel : a file is unusable, as `Encoder.open` tells; two models have one name.
+        InvalidModel : a file is unusable (see `Encoder.open`), or two models have the same name.
         """
         files: dict[str, Path] = {}
         encoders = []
@@ -37,7 +37,7 @@ class Models:
         return iter(self._by_name.values())
 
     def named(self, name: str | None) -> Encoder:
-        """The encoder of that name; None is the default. Raises InvalidParameter, which names those that are loaded."""
+        """Return the encoder of that name; None means the default. Raises InvalidParameter, with the loaded names."""
         if name is None:
             return next(iter(self))
         if name not in self._by_name:
@@ -46,6 +46,6 @@ class Models:
         return self._by_name[name]
 
     def warm_up(self) -> None:
-        """One inference of each."""
+        """Run one inference of each encoder."""
         for encoder in self:
             encoder.warm_up()

@@ -1,8 +1,8 @@
-"""A mapping function as an ONNX file: x (n, input_dim) -> points (n, 3), all k applications in it.
+"""A mapping function as an ONNX file: x (n, input_dim) -> points (n, 3), all k applications included.
 
-Such a file is one message of Protocol Buffers: fields, each a number, a wire type and a value
-(https://protobuf.dev/programming-guides/encoding). The few that the graph needs, numbered as in ONNX's
-onnx.proto, are written out here, so that a service needs no package for it.
+An ONNX file is one Protocol Buffers message: fields, each with a number, a wire type and a value
+(https://protobuf.dev/programming-guides/encoding). The few fields that the graph needs, numbered as in ONNX's
+onnx.proto, are written by hand, so that the service does not depend on the onnx package.
 """
 
 from collections.abc import Mapping
@@ -22,12 +22,12 @@ Field = tuple[int, int | str | bytes]
 
 
 def dump(spec: MappingSpec, theta: Array, metadata: Mapping[str, str]) -> bytes:
-    """The file of f^k, or of a word.
+    """Write the file of f^k, or of a word.
 
     Parameters
     ----------
-    theta : (spec.size,), or (spec.k, spec.size) of a word; float32.
-    metadata : kept in the model's `metadata_props`.
+    theta : float32 (spec.size,), or (spec.k, spec.size) for a word.
+    metadata : written to the model's `metadata_props`.
     """
     return _message(
         (1, IR_VERSION),
@@ -41,7 +41,7 @@ def dump(spec: MappingSpec, theta: Array, metadata: Mapping[str, str]) -> bytes:
 def _graph(spec: MappingSpec, theta: Array) -> bytes:
     nodes: list[bytes] = []
     tensors: dict[str, bytes] = {}
-    names: dict[bytes, str] = {}  # of a word AAB the tensors of A are stored once
+    names: dict[bytes, str] = {}  # in a word AAB, the tensors of A are stored once
     source = "x"
     for step, function in enumerate(reversed(word_of(spec, theta)), 1):
         name = names.setdefault(function.tobytes(), f"f{len(names)}")
@@ -64,28 +64,29 @@ def _graph(spec: MappingSpec, theta: Array) -> bytes:
 
 
 def _node(operator: str, inputs: list[str], output: str, *attributes: bytes) -> bytes:
-    """A NodeProto."""
+    """Return a NodeProto."""
     return _message(*((1, name) for name in inputs), (2, output), (4, operator), *((5, each) for each in attributes))
 
 
 def _tensor(name: str, array: Array) -> bytes:
-    """A TensorProto."""
+    """Return a TensorProto."""
     data = np.ascontiguousarray(array, dtype="<f4").tobytes()
     return _message(*((1, size) for size in array.shape), (2, FLOAT), (8, name), (9, data))
 
 
 def _value(name: str, columns: int) -> bytes:
-    """A ValueInfoProto: float32 (n, columns), n left open."""
+    """Return a ValueInfoProto: float32 (n, columns), n left open."""
     shape = _message((1, _message((2, "n"))), (1, _message((1, columns))))
     return _message((1, name), (2, _message((1, _message((1, FLOAT), (2, shape))))))
 
 
 def _message(*fields: Field) -> bytes:
-    """Fields in their order, as bytes; a nested message is a field of bytes."""
+    """Encode fields in order; a nested message is a field of bytes."""
     return b"".join(_field(number, value) for number, value in fields)
 
 
 def _field(number: int, value: int | str | bytes) -> bytes:
+    """Encode one field: a varint, or a length and bytes."""
     if isinstance(value, int):
         return _varint(number << 3 | VARINT) + _varint(value)
     data = value.encode() if isinstance(value, str) else value
@@ -93,7 +94,7 @@ def _field(number: int, value: int | str | bytes) -> bytes:
 
 
 def _varint(value: int) -> bytes:
-    """Seven bits a byte, the lowest first; the high bit says that more follow."""
+    """Encode an integer in groups of seven bits, lowest first; a set high bit means that more bytes follow."""
     groups = bytearray()
     while value >= 0x80:
         groups.append(value & 0x7F | 0x80)

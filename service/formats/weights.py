@@ -1,10 +1,10 @@
 """theta and its spec as a file: safetensors, which `load` reads back, .npy, JSON, and ONNX, which runs anywhere.
 
-A safetensors file is a uint64 header length, a JSON header and the tensors' bytes
-(https://huggingface.co/docs/safetensors). Ours holds a tensor "theta" and says in its metadata what
-it means; of a composed object theta has k rows, and "word" names the object of each. Where there is a colour,
-its weights are a tensor "color", and "color_spec" says what they mean. The library does
-not bound what it parses and reads metadata only from named files, so both directions are written out here.
+A safetensors file is a uint64 header length, a JSON header and the bytes of the tensors
+(https://huggingface.co/docs/safetensors). Ours has a tensor "theta" and its spec in the metadata. A composed object
+has a theta of k rows, and "word" in the metadata names the object of each row. An object with a color has a tensor
+"color", and its spec is "color_spec" in the metadata. The safetensors library sets no limit on what it parses and
+reads metadata from named files only, so both directions are written here.
 """
 
 import io
@@ -25,9 +25,9 @@ from service.mapping.spec import Array, Color, Functions, MappingSpec, check_col
 WeightFormatName = Literal["safetensors", "npy", "json", "onnx"]
 
 FORMAT: Final = "hof-theta-1"
-WORD_FORMAT: Final = "hof-word-1"  # of a composed object
+WORD_FORMAT: Final = "hof-word-1"  # for composed objects
 MAX_HEADER_BYTES: Final = 16_384
-MAX_JSON_NUMBERS: Final = 1_000_000  # as text, and before that as objects of Python's, they take much more than 4 bytes
+MAX_JSON_NUMBERS: Final = 1_000_000  # as text or as Python objects, a number takes far more than 4 bytes
 MAX_LABEL: Final = 200  # characters of a name
 
 Shapes = dict[str, list[int]]  # of tensors, by name
@@ -35,13 +35,13 @@ Shapes = dict[str, list[int]]  # of tensors, by name
 
 @dataclass(frozen=True, eq=False)
 class Weights:
-    """A mapping function by itself, or the k functions of a composed object.
+    """A mapping function, or the k functions of a composed object.
 
-    spec : its shape.
-    theta : (spec.size,) float32; of a composed object (spec.k, spec.size), the last row applied first.
-    model : name of the encoder that made it.
-    word : of a composed object, which object each row is; empty otherwise.
-    color : None where there is no colour.
+    spec : shape of each function.
+    theta : (spec.size,) float32; for a composed object (spec.k, spec.size), the last row applied first.
+    model : name of the encoder that computed theta.
+    word : names of the objects of a composed object's rows; empty for any other object.
+    color : None if the object has no color.
     """
 
     spec: MappingSpec
@@ -52,12 +52,12 @@ class Weights:
 
     @property
     def functions(self) -> Functions:
-        """The numbers by themselves."""
+        """theta and color alone."""
         return Functions(self.theta, self.color)
 
     @property
     def labels(self) -> dict[str, str]:
-        """All but the numbers, and what colours mean, as text: what a file says about itself."""
+        """Metadata of the file as text: everything but the numbers and the color's spec."""
         labels = {"format": FORMAT, "model": self.model, "spec": self.spec.to_json()}
         return labels | {"format": WORD_FORMAT, "word": json.dumps(self.word)} if self.word else labels
 
@@ -78,16 +78,16 @@ WEIGHT_FORMATS: Final[Mapping[WeightFormatName, WeightFormat]] = {
 }
 
 
-def dump(weights: Weights, format: WeightFormatName) -> bytes:  # noqa: A002 - the API's word
-    """The whole file. Equal weights give equal bytes.
+def dump(weights: Weights, format: WeightFormatName) -> bytes:  # noqa: A002 - the name in the API
+    """Write the whole file. Equal weights give equal bytes.
 
-    `npy` holds theta alone, little-endian float32; `json` has the keys format, model, spec, word (of a composed
-    object), theta, and color_spec and color (where there is one), whose numbers give back the same float32;
-    `onnx` is the whole function, x -> points, without colour.
+    `npy` holds theta alone, little-endian float32. `json` has the keys format, model, spec, word (for a composed
+    object), theta, color_spec and color (if the object has a color); its numbers restore the same float32.
+    `onnx` is the whole function, x -> points, without color.
 
     Raises
     ------
-    InvalidParameter : more numbers than JSON is written of.
+    InvalidParameter : more than `MAX_JSON_NUMBERS` numbers for JSON.
     """
     match format:
         case "safetensors":
@@ -99,7 +99,7 @@ def dump(weights: Weights, format: WeightFormatName) -> bytes:  # noqa: A002 - t
         case "json":
             count = weights.theta.size + (weights.color.weights.size if weights.color else 0)
             if count > MAX_JSON_NUMBERS:
-                detail = f"these are {count} numbers, JSON holds at most {MAX_JSON_NUMBERS}: take safetensors"
+                detail = f"the object has {count} numbers, JSON holds at most {MAX_JSON_NUMBERS}: use safetensors"
                 raise InvalidParameter(detail, field="format")
             fields: dict[str, Any] = {**weights.labels, "spec": asdict(weights.spec), "theta": weights.theta.tolist()}
             if weights.word:
@@ -113,18 +113,18 @@ def dump(weights: Weights, format: WeightFormatName) -> bytes:  # noqa: A002 - t
 
 
 def load(data: bytes) -> Weights:
-    """Read a safetensors file that `dump` or another writer made.
+    """Read a safetensors file written by `dump` or by another program.
 
     Raises
     ------
-    CorruptWeights : the bytes are no such file, the metadata lack something, or a tensor has the wrong
-        type or size or a number that is not finite.
-    InvalidSpec : a spec describes no function, or the colour's does not fit.
+    CorruptWeights : the bytes are not such a file, its metadata are incomplete, or a tensor has the wrong type or
+        size or a number that is not finite.
+    InvalidSpec : a spec is invalid, or the color's spec does not fit.
     """
     header, payload = _split(data)
     metadata = header.pop("__metadata__", None)
     if not isinstance(metadata, dict) or metadata.get("format") not in (FORMAT, WORD_FORMAT):
-        raise CorruptWeights(f'the metadata do not say "format": "{FORMAT}" or "{WORD_FORMAT}"')
+        raise CorruptWeights(f'the metadata lack "format": "{FORMAT}" or "{WORD_FORMAT}"')
     model, text = metadata.get("model"), metadata.get("spec")
     if not isinstance(model, str) or not isinstance(text, str):
         raise CorruptWeights('the metadata lack "model" or "spec"')
@@ -139,8 +139,9 @@ def load(data: bytes) -> Weights:
 
 
 def _color_spec(text: object, spec: MappingSpec) -> MappingSpec:
+    """Read the color's spec and check that it fits the mapping function's."""
     if not isinstance(text, str):
-        raise CorruptWeights('the metadata\'s "color_spec" is no text')
+        raise CorruptWeights('"color_spec" in the metadata is not a string')
     color_spec = MappingSpec.from_json(text)
     _check_label(color_spec.name)
     check_color_spec(spec, color_spec)
@@ -148,7 +149,7 @@ def _color_spec(text: object, spec: MappingSpec) -> MappingSpec:
 
 
 def _tensors(spec: MappingSpec, color_spec: MappingSpec | None, is_word: bool) -> Iterator[Shapes]:
-    """What tensors a file may hold; of a word 1 to k functions may have a colour."""
+    """Return the tensors that a file may have; in a word, 1 to k functions may have a color."""
     theta = {"theta": [spec.k, spec.size] if is_word else [spec.size]}
     if color_spec is None:
         yield theta
@@ -159,18 +160,18 @@ def _tensors(spec: MappingSpec, color_spec: MappingSpec | None, is_word: bool) -
 
 
 def _arrays(header: dict[str, Any], payload: memoryview, allowed: Sequence[Shapes]) -> dict[str, Array]:
-    """The tensors, in whichever order the file has them."""
+    """Read the tensors, in any order in the file. Raises CorruptWeights."""
     for shapes in allowed:
         for order in itertools.permutations(shapes):
             entries = _entries({name: shapes[name] for name in order})
             if header == entries and len(payload) == _end(entries):
                 return {name: _array(name, payload, entry) for name, entry in entries.items()}
-    wanted = " and ".join(f'"{name}" of shape {shape}' for name, shape in allowed[0].items())
-    raise CorruptWeights(f"the file must hold {wanted}, F32, and nothing else")
+    tensors = " and ".join(f'"{name}" of shape {shape}' for name, shape in allowed[0].items())
+    raise CorruptWeights(f"the file must hold {tensors}, F32, and nothing else")
 
 
 def _entries(shapes: Shapes) -> dict[str, dict[str, Any]]:
-    """The header's entries of float32 tensors that stand one after another."""
+    """Return the header's entries for float32 tensors, stored one after another."""
     entries: dict[str, dict[str, Any]] = {}
     for name, shape in shapes.items():
         begin = _end(entries)
@@ -186,7 +187,7 @@ def _array(name: str, payload: memoryview, entry: dict[str, Any]) -> Array:
     begin, end = entry["data_offsets"]
     array: Array = np.frombuffer(payload[begin:end], "<f4").reshape(entry["shape"]).astype(np.float32)
     if not np.isfinite(array).all():
-        raise CorruptWeights(f"{name} holds numbers that are not finite")
+        raise CorruptWeights(f"{name} has numbers that are not finite")
     return array
 
 
@@ -203,37 +204,37 @@ def _dump_safetensors(weights: Weights) -> bytes:
 
 
 def _split(data: bytes) -> tuple[dict[str, Any], memoryview]:
-    """The decoded header and the tensors' bytes."""
+    """Return the decoded header and the bytes of the tensors. Raises CorruptWeights."""
     if len(data) < 8:
-        raise CorruptWeights("the file is too short for safetensors")
+        raise CorruptWeights("the file has fewer than 8 bytes: it is not a safetensors file")
     (size,) = struct.unpack_from("<Q", data)
     if size > MAX_HEADER_BYTES:
-        raise CorruptWeights(f"the header has {size} bytes, at most {MAX_HEADER_BYTES}: no safetensors of ours")
+        raise CorruptWeights(f"the header has {size} bytes, it may have at most {MAX_HEADER_BYTES}")
     if len(data) < 8 + size:
-        raise CorruptWeights("the file breaks off in its header")
+        raise CorruptWeights("the file ends within its header")
     try:
         header = json.loads(data[8 : 8 + size])
     except (ValueError, RecursionError) as error:
         raise CorruptWeights("the header is not JSON") from error
     if not isinstance(header, dict):
-        raise CorruptWeights("the header is no JSON object")
+        raise CorruptWeights("the header is not a JSON object")
     return header, memoryview(data)[8 + size :]
 
 
 def _word(text: object, k: int) -> tuple[str, ...]:
-    """The word of a composed object's metadata: a JSON list of k names."""
+    """Read the word in a composed object's metadata: a JSON list of k names. Raises CorruptWeights."""
     try:
         word = json.loads(text) if isinstance(text, str) else None
     except (ValueError, RecursionError):
         word = None
     if not isinstance(word, list) or len(word) != k or not all(isinstance(name, str) for name in word):
-        raise CorruptWeights(f'the metadata\'s "word" is no list of {k} names')
+        raise CorruptWeights(f'"word" in the metadata is not a list of {k} names')
     for name in word:
         _check_label(name)
     return tuple(word)
 
 
 def _check_label(text: str) -> None:
-    """Names are shown to people and stored as text: no control characters, no lone surrogates."""
+    """Raise CorruptWeights unless a name can be shown and stored: no control characters, no lone surrogates."""
     if not (0 < len(text) <= MAX_LABEL and text.isprintable()):
         raise CorruptWeights(f"a name must have 1 to {MAX_LABEL} printable characters")

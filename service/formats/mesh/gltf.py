@@ -1,7 +1,7 @@
 """glTF 2.0 of a surface: one mesh of TRIANGLES with normals; binary (GLB), or JSON with the numbers in base64.
 
-glTF's frame is ours: right-handed, +Y up, front +Z. A vertex's colour is linear, three float32, as a point's is
-(`service.formats.points.gltf`).
+glTF's frame is ours: right-handed, +Y up, front +Z. A vertex's color is linear, three float32, as in
+`service.formats.points.gltf`.
 """
 
 import base64
@@ -17,11 +17,11 @@ from service.mapping.spec import Array
 from service.mapping.surface import Surface
 
 _FLOAT, _UINT, _ARRAY_BUFFER, _ELEMENT_ARRAY_BUFFER = 5126, 5125, 34962, 34963
-_GREY: Final = [0.5, 0.5, 0.53, 1.0]  # linear RGBA
+_GRAY: Final = [0.5, 0.5, 0.53, 1.0]  # linear RGBA
 
 
 def glb(surface: Surface) -> bytes:
-    """The binary file: header, JSON chunk, binary chunk."""
+    """Write the binary file: header, JSON chunk, binary chunk."""
     attributes = _attributes(surface)
     data = _numbers(surface, attributes)
     text = json.dumps(_document(surface, attributes, {}), separators=(",", ":")).encode("ascii")
@@ -38,7 +38,7 @@ def glb(surface: Surface) -> bytes:
 
 
 def gltf(surface: Surface) -> bytes:
-    """The JSON file, which needs no other."""
+    """Write the JSON file, which contains all numbers itself."""
     attributes = _attributes(surface)
     data = base64.b64encode(_numbers(surface, attributes)).decode("ascii")
     document = _document(surface, attributes, {"uri": "data:application/octet-stream;base64," + data})
@@ -46,24 +46,24 @@ def gltf(surface: Surface) -> bytes:
 
 
 def _attributes(surface: Surface) -> dict[str, Array]:
-    """What stands in the file of each vertex, in its order: (v, 3) float32 each."""
+    """Return the per-vertex attributes in file order, each (v, 3) float32."""
     attributes = {"POSITION": surface.vertices, "NORMAL": surface.normals}
     return attributes if surface.colors is None else attributes | {"COLOR_0": linear(surface.colors)}
 
 
 def _numbers(surface: Surface, attributes: dict[str, Array]) -> bytes:
-    """The attributes, one after another, and the indices."""
+    """Return the bytes of the attributes, one after another, and of the indices."""
     floats = (array.astype("<f4", copy=False).tobytes() for array in attributes.values())
     return b"".join([*floats, surface.triangles.astype("<u4", copy=False).tobytes()])
 
 
 def _document(surface: Surface, attributes: dict[str, Array], source: dict[str, str]) -> dict[str, Any]:
     vertices, corners, indices = len(surface.vertices), surface.triangles.size, len(attributes)
-    bounds = list(itertools.accumulate([12 * vertices] * indices + [4 * corners], initial=0))  # of the views, bytes
+    offsets = list(itertools.accumulate([12 * vertices] * indices + [4 * corners], initial=0))  # of the views, bytes
     floats = {"componentType": _FLOAT, "count": vertices, "type": "VEC3"}
     low, high = (np.float32(bound).tolist() for bound in (surface.vertices.min(0), surface.vertices.max(0)))
     primitive = {"attributes": {name: at for at, name in enumerate(attributes)}, "indices": indices, "material": 0}
-    base = {"baseColorFactor": _GREY if surface.colors is None else WHITE, "metallicFactor": 0, "roughnessFactor": 1}
+    base = {"baseColorFactor": _GRAY if surface.colors is None else WHITE, "metallicFactor": 0, "roughnessFactor": 1}
     return {
         "asset": {"version": "2.0", "generator": "hof"},
         "scene": 0,
@@ -83,7 +83,7 @@ def _document(surface: Surface, attributes: dict[str, Array], source: dict[str, 
                 "byteLength": stop - start,
                 "target": _ARRAY_BUFFER if view < indices else _ELEMENT_ARRAY_BUFFER,
             }
-            for view, (start, stop) in enumerate(itertools.pairwise(bounds))
+            for view, (start, stop) in enumerate(itertools.pairwise(offsets))
         ],
-        "buffers": [{"byteLength": bounds[-1], **source}],
+        "buffers": [{"byteLength": offsets[-1], **source}],
     }

@@ -1,7 +1,7 @@
 """Wavefront OBJ of a surface: positions and normals with six significant digits, triangles counted from 1.
 
-A vertex's colour stands behind its position: red, green, blue in [0, 1], sRGB. The format has no such thing, but
-MeshLab, Blender, three.js and trimesh read it, and what does not skips it.
+A vertex's color follows its position: red, green, blue in [0, 1], sRGB. That is an extension of the format, which
+MeshLab, Blender, three.js and trimesh read and other programs skip.
 """
 
 from typing import Final
@@ -15,12 +15,12 @@ _HEADER: Final = b"# +Y is up, the front faces +Z\n"
 
 
 def dump(surface: Surface) -> bytes:
-    """The whole file."""
+    """Write the whole file."""
     vertex, vertices = "v %.6g %.6g %.6g\n", surface.vertices
     if surface.colors is not None:
         vertex = "v %.6g %.6g %.6g %.4g %.4g %.4g\n"
         vertices = np.concatenate([vertices, surface.colors / np.float32(255)], axis=1)
-    corners = np.repeat(surface.triangles + 1, 2, axis=1)  # v//vn: both have the same number
+    corners = np.repeat(surface.triangles + 1, 2, axis=1)  # v//vn: a vertex and its normal have the same number
     return b"".join(
         [
             _HEADER,

@@ -1,5 +1,5 @@
-"""PLY of a surface, binary little endian: six float32 a vertex, and red, green, blue where it has a colour; three
-indices a triangle."""
+"""PLY of a surface, binary little endian: six float32 per vertex, and red, green, blue if vertices have colors;
+three indices per triangle."""
 
 from typing import Final
 
@@ -28,12 +28,12 @@ _FACE: Final = np.dtype([("count", "u1"), ("corners", "<u4", 3)])
 
 
 def dump(surface: Surface) -> bytes:
-    """The whole file."""
+    """Write the whole file."""
     faces = np.empty(len(surface.triangles), _FACE)
     faces["count"], faces["corners"] = 3, surface.triangles
     numbers = np.concatenate([surface.vertices, surface.normals], axis=1)
     color, vertices = "", raw.float32(numbers)
     if surface.colors is not None:
-        color, vertices = ply.COLOR, raw.beside(numbers, surface.colors)
+        color, vertices = ply.COLOR, raw.interleaved(numbers, surface.colors)
     header = _HEADER.format(vertices=len(numbers), color=color, triangles=len(faces))
     return header.encode("ascii") + vertices + faces.tobytes()

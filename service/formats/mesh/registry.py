@@ -1,4 +1,4 @@
-"""Surfaces as files: what formats there are. Each is a pure function from a surface to the file's bytes."""
+"""The file formats of surfaces. Each is a pure function from a surface to the bytes of the file."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -10,12 +10,13 @@ from service.mapping.surface import Surface
 
 @dataclass(frozen=True)
 class MeshFormat:
-    """A file format for surfaces; `dump` gives the whole file, in the object frame whatever others use by habit.
+    """A file format for surfaces.
 
-    name : as in the query's `format`.
-    media_type : as in Content-Type and Accept.
-    extension : of a file's name, with its dot.
-    holds_color : it writes the vertices' colours.
+    name : value of the query parameter `format`.
+    media_type : value of Content-Type and Accept.
+    extension : of the file's name, with its dot.
+    dump : surface -> the whole file, in the object frame even where other programs expect another.
+    holds_color : the file contains the vertices' colors.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""STL of a surface, binary: each triangle by itself, with its own normal. It holds no colours."""
+"""STL of a surface, binary: separate triangles, each with its own normal, without colors."""
 
 import struct
 from typing import Final
@@ -7,12 +7,12 @@ import numpy as np
 
 from service.mapping.surface import Surface, cross_products
 
-_HEADER: Final = b"hof: +Y is up, the front faces +Z"  # must not begin with "solid", as text files do
+_HEADER: Final = b"hof: +Y is up, the front faces +Z"  # must not begin with "solid": that marks text files
 _TRIANGLE: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
 def dump(surface: Surface) -> bytes:
-    """The whole file: 84 bytes, then 50 a triangle."""
+    """Write the whole file: 84 bytes, then 50 per triangle."""
     normals = cross_products(surface.vertices, surface.triangles)
     records = np.zeros(len(surface.triangles), _TRIANGLE)
     records["normal"] = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(np.float64).tiny)

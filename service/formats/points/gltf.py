@@ -1,10 +1,10 @@
 """glTF 2.0: one mesh of POINTS, unlit; binary (GLB), or JSON with the points in base64.
 
-glTF's frame is ours: right-handed, +Y up, front +Z. Its JSON stands before the points and holds their
-bounds, so it is padded with spaces to a fixed size: the length is known before any point is.
+glTF's frame is ours: right-handed, +Y up, front +Z. The JSON comes before the points and contains their
+bounds, so it is padded with spaces to a fixed size: the file's length is known before any point is computed.
 
-A point's colour stands beside it, as glTF wants it: linear, not sRGB. It is three float32: programs that read uint16
-wrongly are in use (trimesh 4 keeps the low byte), and one byte is too coarse for what is dark.
+Each point is followed by its color: linear, as glTF requires, not sRGB. A color is three float32, since some programs
+misread uint16 (trimesh 4 keeps the low byte), and 8 bits are too coarse for dark colors.
 """
 
 import base64
@@ -18,30 +18,30 @@ from service.formats import raw
 from service.mapping.spec import Array, Colors
 
 JSON_BYTES: Final = 1024
-PLAIN: Final = 12  # bytes a point: three float32
-COLORED: Final = 24  # six; like `PLAIN` a multiple of 3, so that pieces of base64 join without padding
+PLAIN: Final = 12  # bytes per point: three float32
+COLORED: Final = 24  # bytes per point: six float32; a multiple of 3 like `PLAIN`, so base64 pieces join without padding
 _FLOAT, _ARRAY_BUFFER, _POINTS = 5126, 34962, 0
 _URI: Final = "data:application/octet-stream;base64,"
 _JSON_TAIL: Final = b'"}]}'
-_GREY = [0.18, 0.18, 0.2, 1.0]  # linear RGBA: visible on white and on black
-WHITE: Final = [1.0, 1.0, 1.0, 1.0]  # leaves colours of their own as they are
+_GRAY = [0.18, 0.18, 0.2, 1.0]  # linear RGBA: visible on white and on black
+WHITE: Final = [1.0, 1.0, 1.0, 1.0]  # keeps the points' own colors unchanged
 
 
 def head(n: int, bounds: tuple[Array, Array] | None, *, stride: int = PLAIN) -> bytes:
-    """File header, JSON chunk and the binary chunk's header.
+    """Return the file header, the JSON chunk and the header of the binary chunk.
 
     Parameters
     ----------
-    n : points in the file.
+    n : number of points.
     bounds : the points' smallest and largest coordinates, (3,) and (3,) float32.
-    stride : bytes a point, `PLAIN` without colours.
+    stride : bytes per point: `PLAIN` or `COLORED`.
 
     Raises
     ------
     ValueError : bounds is None; glTF requires them.
     """
     if bounds is None:
-        raise ValueError("a GLB needs the points' bounds")
+        raise ValueError("a GLB file needs the bounds of its points")
     text = json.dumps(_document(n, *bounds, stride), separators=(",", ":")).encode("ascii").ljust(JSON_BYTES)
     return b"".join(
         [
@@ -54,24 +54,24 @@ def head(n: int, bounds: tuple[Array, Array] | None, *, stride: int = PLAIN) -> 
 
 
 def colored_body(points: Array, colors: Colors) -> bytes:
-    """Points (m, 3) and their colours (m, 3) -> 24 m bytes."""
+    """Write points (m, 3), each followed by its color (m, 3), in 24 m bytes."""
     return raw.float32(np.concatenate([points, linear(colors)], axis=1))
 
 
 def length(n: int, *, stride: int = PLAIN) -> int:
-    """Bytes of the whole GLB."""
+    """Return the size of the whole GLB file in bytes."""
     return 12 + 8 + JSON_BYTES + 8 + stride * n
 
 
 def max_points(stride: int = PLAIN) -> int:
-    """How many points a GLB holds: its length is a uint32."""
+    """Return the most points that a GLB file can hold: its length is a uint32."""
     return (2**32 - 1 - length(0)) // stride
 
 
 def json_head(n: int, bounds: tuple[Array, Array] | None, *, stride: int = PLAIN) -> bytes:
-    """A .gltf up to where its points begin. Raises ValueError without bounds."""
+    """Return a .gltf file up to the start of its points. Raises ValueError if bounds is None."""
     if bounds is None:
-        raise ValueError("a glTF needs the points' bounds")
+        raise ValueError("a glTF file needs the bounds of its points")
     document = _document(n, *bounds, stride)
     document["buffers"][0]["uri"] = _URI
     text = json.dumps(document, separators=(",", ":")).encode("ascii")
@@ -81,32 +81,32 @@ def json_head(n: int, bounds: tuple[Array, Array] | None, *, stride: int = PLAIN
 
 
 def json_body(points: Array) -> bytes:
-    """Points (m, 3) -> 16 m bytes of base64."""
+    """Write points (m, 3) in 16 m bytes of base64."""
     return base64.b64encode(raw.float32(points))
 
 
 def colored_json_body(points: Array, colors: Colors) -> bytes:
-    """Points (m, 3) and their colours (m, 3) -> 32 m bytes of base64."""
+    """Write points (m, 3), each followed by its color (m, 3), in 32 m bytes of base64."""
     return base64.b64encode(colored_body(points, colors))
 
 
 def json_tail(n: int) -> bytes:
-    """What follows the points."""
+    """Return the bytes after the points."""
     return _JSON_TAIL
 
 
 def json_length(n: int, *, stride: int = PLAIN) -> int:
-    """Bytes of the whole .gltf."""
+    """Return the size of the whole .gltf file in bytes."""
     return JSON_BYTES + stride // 3 * 4 * n + len(_JSON_TAIL)
 
 
 def linear(colors: Colors) -> Array:
-    """sRGB levels as linear light in [0, 1], float32."""
+    """Convert sRGB levels to linear light in [0, 1], float32."""
     return _LINEAR[colors]
 
 
 def _levels() -> Array:
-    """Each of the 256 levels as linear light (IEC 61966-2-1)."""
+    """Return the linear light of each of the 256 sRGB levels (IEC 61966-2-1)."""
     level = np.arange(256) / 255
     light = np.where(level <= 0.04045, level / 12.92, ((level + 0.055) / 1.055) ** 2.4)
     return light.astype(np.float32)
@@ -133,7 +133,7 @@ def _document(n: int, low: Array, high: Array, stride: int) -> dict[str, Any]:
         "type": "VEC3",
     }
     attributes = {"POSITION": 0} | ({"COLOR_0": 1} if colored else {})
-    base = {"baseColorFactor": WHITE if colored else _GREY, "metallicFactor": 0, "roughnessFactor": 1}
+    base = {"baseColorFactor": WHITE if colored else _GRAY, "metallicFactor": 0, "roughnessFactor": 1}
     view = {"buffer": 0, "byteLength": stride * n, "target": _ARRAY_BUFFER}
     return {
         "asset": {"version": "2.0", "generator": "hof"},

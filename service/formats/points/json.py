@@ -1,6 +1,6 @@
-"""JSON: {"n": ..., "points": [[x, y, z], ...]}, nine significant digits, which give back the same float32.
+"""JSON: {"n": ..., "points": [[x, y, z], ...]}, with nine significant digits, which restore the same float32.
 
-Where points have colours, `"colors": [[red, green, blue], ...]` of 0 to 255 comes after them, in the same order.
+Colors, if any, follow the points in the same order: `"colors": [[red, green, blue], ...]`, 0 to 255.
 """
 
 from typing import Final
@@ -14,20 +14,20 @@ COLORS: Final = b'],"colors":['
 
 
 def head(n: int, bounds: tuple[Array, Array] | None = None) -> bytes:
-    """What precedes the points; JSON needs no bounds."""
+    """Return the bytes before the points; JSON needs no bounds."""
     return b'{"n":%d,"points":[' % n
 
 
 def body(points: Array) -> bytes:
-    """Points (m, 3) -> m arrays with commas between, none at the ends."""
+    """Write points (m, 3) as m arrays, separated by commas."""
     return text.rows("[%.9g,%.9g,%.9g]", points, between=",")
 
 
 def colors(rows: Colors) -> bytes:
-    """Colours (m, 3) -> m arrays with commas between, none at the ends."""
+    """Write colors (m, 3) as m arrays, separated by commas."""
     return text.rows("[%d,%d,%d]", rows, between=",")
 
 
 def tail(n: int) -> bytes:
-    """What follows the points."""
+    """Return the bytes after the points."""
     return b"]}\n"

@@ -1,6 +1,6 @@
-"""Point Cloud Library's PCD 0.7, binary: three float32 a point, and `rgb` where it has a colour.
+"""Point Cloud Library's PCD 0.7, binary: three float32 per point, and `rgb` if points have colors.
 
-`rgb` is the library's own way: the bytes blue, green, red, 0, which make a number 0x00RRGGBB, said to be a float32.
+`rgb` follows the library's convention: the bytes blue, green, red, 0, that is 0x00RRGGBB, declared as a float32.
 """
 
 import numpy as np
@@ -26,15 +26,15 @@ _COLORED = {"rgb": " rgb", "size": " 4", "type": " F", "count": " 1"}
 
 
 def head(n: int, bounds: tuple[Array, Array] | None = None, *, colored: bool = False) -> bytes:
-    """What precedes the points; PCD needs no bounds."""
+    """Return the bytes before the points; PCD needs no bounds."""
     return _HEADER.format(n=n, **(_COLORED if colored else _PLAIN)).encode("ascii")
 
 
 def colored_body(points: Array, colors: Colors) -> bytes:
-    """Points (m, 3) and their colours -> 16 m bytes."""
-    return raw.beside(points, np.pad(colors[:, ::-1], ((0, 0), (0, 1))))
+    """Write points (m, 3), each followed by its color (m, 3), in 16 m bytes."""
+    return raw.interleaved(points, np.pad(colors[:, ::-1], ((0, 0), (0, 1))))
 
 
 def length(n: int, *, colored: bool = False) -> int:
-    """Bytes of the whole file."""
+    """Return the size of the whole file in bytes."""
     return len(head(n, colored=colored)) + (16 if colored else 12) * n

@@ -1,4 +1,4 @@
-"""PLY, binary little endian: three float32 a vertex, and red, green, blue where it has a colour."""
+"""PLY, binary little endian: three float32 per vertex, and red, green, blue if points have colors."""
 
 from service.formats import raw
 from service.mapping.spec import Array, Colors
@@ -21,15 +21,15 @@ property uchar blue
 
 
 def head(n: int, bounds: tuple[Array, Array] | None = None, *, colored: bool = False) -> bytes:
-    """What precedes the points; PLY needs no bounds."""
+    """Return the bytes before the points; PLY needs no bounds."""
     return _HEADER.format(n=n, color=COLOR if colored else "").encode("ascii")
 
 
 def colored_body(points: Array, colors: Colors) -> bytes:
-    """Points (m, 3) and their colours -> 15 m bytes."""
-    return raw.beside(points, colors)
+    """Write points (m, 3), each followed by its color (m, 3), in 15 m bytes."""
+    return raw.interleaved(points, colors)
 
 
 def length(n: int, *, colored: bool = False) -> int:
-    """Bytes of the whole file."""
+    """Return the size of the whole file in bytes."""
     return len(head(n, colored=colored)) + (15 if colored else 12) * n

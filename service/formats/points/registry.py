@@ -1,4 +1,4 @@
-"""Point clouds as files: what formats there are, how one is written piece by piece."""
+"""The file formats of point clouds."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -13,20 +13,20 @@ from service.mapping.spec import Array, Colors
 
 
 class Source(Protocol):
-    """Points that are computed part by part, and again in another pass, so that memory does not grow with n."""
+    """Points that are computed part by part, and again for another pass, so that memory does not grow with n."""
 
     @property
     def n(self) -> int:
-        """How many points there are in all."""
+        """Number of points."""
 
     def parts(self) -> Iterator[Part]:
-        """All points in order."""
+        """Return the parts, which cover all points in order."""
 
     def points(self, part: Part) -> Array:
-        """Points of a part, (count, 3) float32."""
+        """Compute the points of a part, (count, 3) float32."""
 
     def colors(self, part: Part) -> Colors:
-        """Their colours, (count, 3) uint8, sRGB."""
+        """Compute the colors of a part's points, (count, 3) uint8, sRGB."""
 
 
 Body = Callable[[Source, Part], bytes]
@@ -36,18 +36,19 @@ Body = Callable[[Source, Part], bytes]
 class PointFormat:
     """A file format for point clouds: pure functions from arrays to bytes.
 
-    name : as in the query's `format`.
-    media_type : as in Content-Type and Accept.
-    extension : of a file's name, with its dot.
-    head : (n, bounds) -> what precedes the points; bounds are None unless `needs_bounds`.
-    passes : over all parts, one after another: what stands before the pass, and what writes a part.
-    tail : n -> what follows the points.
-    length : n -> bytes of the whole file, None where only the points tell.
-    needs_bounds : the head holds the smallest and largest coordinates.
-    max_points : the format's limit, None without one.
-    separator : what stands between one part and the next.
-    is_text : it shrinks to less than half by gzip; the others hardly do.
-    colored : the format with a colour for each point; None where it holds none.
+    name : value of the query parameter `format`.
+    media_type : value of Content-Type and Accept.
+    extension : of the file's name, with its dot.
+    head : (n, bounds) -> the bytes before the points; bounds is None unless `needs_bounds`.
+    passes : runs over all parts, one after another: the bytes before the first part, and the function that writes
+        a part.
+    tail : n -> the bytes after the points.
+    length : n -> bytes of the whole file; None if the length depends on the points.
+    needs_bounds : the head contains the smallest and largest coordinates.
+    max_points : the format's limit; None if it has none.
+    separator : the bytes between one part and the next.
+    is_text : gzip shrinks the file to less than half; binary formats hardly shrink.
+    colored : the variant with a color for each point; None if the format has no colors.
     """
 
     name: str
@@ -64,22 +65,24 @@ class PointFormat:
     colored: "PointFormat | None" = None
 
     def holding(self, *, color: bool) -> "PointFormat":
-        """This format, with colours where there are any and it can hold them."""
+        """Return the colored variant if `color` is true and there is one, else this format."""
         return self.colored or self if color else self
 
     def check_count(self, n: int) -> None:
-        """Refuse a number of points that the format cannot hold, with InvalidParameter."""
+        """Raise InvalidParameter unless the format can hold n points."""
         if n < 1:
-            raise InvalidParameter(f"n is {n}, the least is 1", field="n")
+            raise InvalidParameter(f"n is {n}, it must be at least 1", field="n")
         if self.max_points is not None and n > self.max_points:
             raise InvalidParameter(f"n is {n}, {self.name} holds at most {self.max_points} points", field="n")
 
 
 def _points(write: Callable[[Array], bytes]) -> tuple[bytes, Body]:
+    """Return a pass that writes points."""
     return b"", lambda source, part: write(source.points(part))
 
 
 def _colored_points(write: Callable[[Array, Colors], bytes]) -> tuple[bytes, Body]:
+    """Return a pass that writes each point and its color."""
     return b"", lambda source, part: write(source.points(part), source.colors(part))
 
 

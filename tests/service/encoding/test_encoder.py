@@ -75,21 +75,27 @@ COLOR_SPEC = json.loads(tiny_model.COLOR_SPEC.to_json())
 @pytest.mark.parametrize(
     ("meta", "message"),
     [
-        (_with("hof.format", 2), "it is of format 2, this version of hof reads 1: install a newer hof"),
+        (_with("hof.format", 2), "it has format 2, this version of hof reads 1: install a newer hof"),
         (_with("hof.spec", None), "lacks 'hof.spec'"),
         (_with("hof.framing", None), "lacks 'hof.framing'"),
         (_with("hof.card", None), "lacks 'hof.card'"),
         (_with("hof.spec", "{"), "'hof.spec' is not JSON"),
-        (_with("hof.spec", {**SPEC, "k": 0}), "k must lie"),
+        (_with("hof.spec", {**SPEC, "k": 0}), "k is 0, it must lie"),
         (_with("hof.spec", {**SPEC, "hidden": [17]}), "output 'theta' has shape"),
         (_with("hof.framing", {"size": 64, "foreground_ratio": 0.85}), "input 'image' has shape"),
         (_with("hof.framing", {"size": "32", "foreground_ratio": 0.85}), "needs a size"),
         (_with("hof.framing", {"size": 32, "foreground_ratio": 0}), "needs a size"),
         (_with("hof.card", {"name": ""}), "needs a name"),
         (_with("hof.card", []), "needs a name"),
-        (_with("hof.color_spec", {**COLOR_SPEC, "k": 0}), "'hof.color_spec' is no mapping spec: k must lie"),
-        (_with("hof.color_spec", {**COLOR_SPEC, "k": 2}), "'hof.color_spec' does not fit .* k must be 1"),
-        (_with("hof.color_spec", {**COLOR_SPEC, "domain": "cube"}), "domain must be 'ball', as the points'"),
+        (
+            _with("hof.color_spec", {**COLOR_SPEC, "k": 0}),
+            "'hof.color_spec' is not a valid mapping spec: k is 0, it must lie",
+        ),
+        (_with("hof.color_spec", {**COLOR_SPEC, "k": 2}), "'hof.color_spec' does not fit .* k is 2, it must be 1"),
+        (
+            _with("hof.color_spec", {**COLOR_SPEC, "domain": "cube"}),
+            "domain is 'cube', it must be that of the points, 'ball'",
+        ),
         (_with("hof.color_spec", COLOR_SPEC), "its output is theta and color, by its graph theta"),
     ],
 )

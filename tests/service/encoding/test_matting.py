@@ -14,7 +14,7 @@ from PIL import Image
 from service.encoding.decode import decode
 from service.encoding.encoder import Encoder
 from service.encoding.framing import Framing, preprocess
-from service.encoding.matting import KEPT, Matting
+from service.encoding.matting import CACHED_MATTES, Matting
 from service.errors import InvalidModel, NoObjectFound
 from service.settings import Settings
 from service.storage.ids import encoded_id
@@ -78,7 +78,7 @@ def test_a_repeat_costs_no_inference(u2net_home: Path) -> None:
     np.testing.assert_array_equal(matting(decode(COFFEE)), first)
     with pytest.raises(AttributeError):
         matting(disc())
-    assert KEPT * first.nbytes < 10_000_000
+    assert CACHED_MATTES * first.nbytes < 10_000_000
 
 
 def test_threads_do_not_mix_their_photos(u2net_home: Path) -> None:
@@ -110,9 +110,9 @@ def test_a_missing_file_is_said_to_be_and_not_fetched(tmp_path: Path) -> None:
 def test_files_that_are_no_u2net_are_refused(tmp_path: Path, model_path: Path, u2net_home: Path) -> None:
     cut = tmp_path / "cut.onnx"
     cut.write_bytes((u2net_home / "u2netp.onnx").read_bytes()[:100_000])
-    with pytest.raises(InvalidModel, match=r"cut\.onnx is unusable: it is no ONNX file"):
+    with pytest.raises(InvalidModel, match=r"cut\.onnx is unusable: onnxruntime cannot load it"):
         Matting.of(cut, 1)
-    with pytest.raises(InvalidModel, match="is unusable: it is no U2-Net"):
+    with pytest.raises(InvalidModel, match="is unusable: it is not U2-Net"):
         Matting.of(model_path, 1)
 
 
