@@ -93,6 +93,16 @@ class TrainConfig:
     made: bool = option(default=False, text="train on the procedural pieces of `hof-model data make` too")
     start: str | None = option(None, "checkpoint or exported model whose weights a new run starts from")
 
+    def is_late(self, progress: float) -> bool:
+        """Return whether the late loss applies at `progress` in [0, 1] of the budget."""
+        return progress >= self.late_from
+
+    def at(self, progress: float) -> "TrainConfig":
+        """Return the config that a batch is drawn with at `progress` in [0, 1]: late batches have more points."""
+        if not self.is_late(progress):
+            return self
+        return replace(self, points=self.late_points, target_points=self.late_target_points)
+
     def to_dict(self) -> dict[str, Any]:
         """Return plain JSON-able values; inverse of `from_dict`."""
         return asdict(self)

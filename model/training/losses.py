@@ -4,12 +4,28 @@ from typing import Final
 
 from torch import Tensor
 
+from model.config import TrainConfig
 from model.networks.ops.dispatch import nearest
 
 SATURATION: Final = 0.02  # longest sides: where a distance stops to matter to the F-score-like term
 F_WEIGHT: Final = 0.1  # of that term; its slope at distance 0 is F_WEIGHT / SATURATION
 BACKWARD: Final = 2  # true points that look for a predicted one, for each predicted one that looks for a true one
 TINY: Final = 1e-12  # squared longest sides: keeps the root's gradient finite at distance 0
+LATE_SCALE: Final = 0.125  # of the late loss: its gradient becomes as large as the squared loss's, as Adam expects
+
+
+def training_loss(config: TrainConfig, predicted: Tensor, canonical: Tensor, true: Tensor, progress: float) -> Tensor:
+    """Return the loss of a batch at `progress` in [0, 1]: early or late, with the projection's share.
+
+    Parameters
+    ----------
+    predicted, canonical : (b, n, 3), (b, n, d); d is 3 where `config.projection` is above 0.
+    true : (b, m, 3).
+    """
+    loss = LATE_SCALE * late_chamfer(predicted, true) if config.is_late(progress) else chamfer(predicted, true)
+    if config.projection:
+        loss = loss + config.projection * projection(predicted, canonical)
+    return loss
 
 
 def chamfer(predicted: Tensor, true: Tensor) -> Tensor:

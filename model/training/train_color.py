@@ -26,7 +26,7 @@ from model.provenance import provenance
 from model.training.checkpoints import chosen_checkpoint, load_encoder
 from model.training.losses import gather
 from model.training.memory import keep_freed_memory
-from model.training.train import schedule
+from model.training.optimization import set_learning_rate
 from service.mapping.spec import MappingSpec
 
 SMOOTHING: Final = 0.01  # share of a step's loss in the shown one
@@ -96,8 +96,7 @@ class _Learner:
 
     def step(self, seen: Seen, progress: float) -> None:
         """One step; where training is `progress` in [0, 1] through its budget."""
-        for group in self._optimizer.param_groups:
-            group["lr"] = self._rate * schedule(progress)
+        set_learning_rate(self._optimizer, self._rate, progress)
         predicted = power(self.head.spec, self.head(seen.inputs), seen.canonical)
         loss = (predicted - seen.colours / 255).abs().mean()  # not clipped: beyond [0, 1] it still has a slope
         self._optimizer.zero_grad(set_to_none=True)

@@ -12,7 +12,7 @@ from model.evaluation.conditions import CONDITIONS
 from model.evaluation.evaluate import cases, measure, measure_objects, predict
 from model.evaluation.records import Record
 from model.metrics import NAMES, compare
-from model.training.train import _State
+from model.training.state import RunState
 from service.encoding.encoder import Encoder
 from service.encoding.framing import Framing
 from service.mapping.spec import MappingSpec
@@ -93,7 +93,7 @@ def test_a_run_that_is_not_exported(
 ) -> None:
     spec = MappingSpec("small", 3, (16,), 3, k=2, domain="cube")
     small = small_network.ENCODER
-    _State(TrainConfig(spec=spec, method=method, encoder=small, framing=Framing(32), seed=5)).save(tmp_path, 0.0)
+    RunState(TrainConfig(spec=spec, method=method, encoder=small, framing=Framing(32), seed=5)).save(tmp_path, 0.0)
     command = ["evaluate", "--run", str(tmp_path), "--data", str(data), "--split", "test"]
     assert cli.main([*command, "-o", str(tmp_path / "rival.json")]) == 0
     assert "| rival |" in capsys.readouterr().out

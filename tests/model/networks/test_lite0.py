@@ -18,7 +18,8 @@ from model.networks.color_head import ColorHead, color_spec, look
 from model.networks.encoder import ImageEncoder, _unshuffle
 from model.networks.lite0 import FINE_MAPS, MAPS, MEAN, SPREAD, Lite0, load_imagenet
 from model.training.checkpoints import load_network
-from model.training.train import _State, _step
+from model.training.state import RunState
+from model.training.train import batch_parts, train_step
 from service.encoding.encoder import Encoder
 from tests.support.small import network as small_network
 
@@ -34,18 +35,18 @@ def lite0() -> Lite0:
 
 
 @torch.no_grad()
-def test_maps_are_those_of_the_published_network(lite0: Lite0) -> None:
+def test_lite0_gives_the_maps_of_the_published_network(lite0: Lite0) -> None:
     published, images = _Pooled().network.eval(), torch.rand(2, 3, 128, 128)
     x = published._swish(published._bn0(published._conv_stem((images - MEAN) / SPREAD)))
     widest = {}
     for block in published._blocks:
         x = block(x)
         widest[x.shape[-1]] = x
-    fine, found = lite0.look(images)
-    assert (fine.shape, found.shape) == ((2, FINE_MAPS, 8, 8), (2, MAPS, 4, 4))
+    fine, maps = lite0.look(images)
+    assert (fine.shape, maps.shape) == ((2, FINE_MAPS, 8, 8), (2, MAPS, 4, 4))
     assert fine.numpy() == pytest.approx(widest[8].numpy(), abs=1e-3)
-    assert found.numpy() == pytest.approx(x.numpy(), abs=1e-3)
-    assert torch.equal(lite0(images), found)
+    assert maps.numpy() == pytest.approx(x.numpy(), abs=1e-3)
+    assert torch.equal(lite0(images), maps)
 
 
 def batch(config: TrainConfig) -> Batch:
@@ -54,16 +55,16 @@ def batch(config: TrainConfig) -> Batch:
     return Batch(torch.rand(config.batch, 3, 32, 32), torch.rand(shape) - 0.5, torch.rand(shape) - 0.5, None)
 
 
-def parts(state: _State) -> ImageEncoder:
+def encoder_of(state: RunState) -> ImageEncoder:
     encoder = state.network.encoder
     assert isinstance(encoder, ImageEncoder)
     return encoder
 
 
-def test_a_step_moves_what_is_not_frozen_and_the_pretrained_part_less(lite0: Lite0) -> None:
-    state = _State.begin(replace(CONFIG, weight_decay=0.0))
+def test_train_step_moves_weights_that_are_not_frozen_and_pretrained_ones_less(lite0: Lite0) -> None:
+    state = RunState.begin(replace(CONFIG, weight_decay=0.0))
     with ThreadPoolExecutor(1) as threads:
-        _step(state, batch(CONFIG), 0.5, threads)
+        train_step(state, batch(CONFIG), 0.5, threads)
     now = state.network.get_submodule("encoder.features.lite0").state_dict()
     moved = {name: float((now[name] - was).abs().max()) for name, was in lite0.state_dict().items()}
     frozen = {name for name in moved if name.startswith(("stem.", "blocks.0.", "blocks.1.", "blocks.2."))}
@@ -73,75 +74,76 @@ def test_a_step_moves_what_is_not_frozen_and_the_pretrained_part_less(lite0: Lit
     assert max(moved.values()) == pytest.approx(CONFIG.pretrained_rate * rate, rel=0.03)  # float32
 
 
-def test_cores_that_share_a_batch_find_the_gradients_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_train_step_in_parts_gives_the_gradients_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("model.networks.encoder.DROPOUT", 0.0)
     monkeypatch.setattr("model.networks.precision.HALF", False)
-    found, losses = [], []
+    gradients, losses = [], []
     for count in (1, 3):  # 3 parts of 4 images: 2, 1 and 1
-        state = _State.begin(CONFIG)
-        state.parts = count
+        state = RunState.begin(CONFIG)
         with ThreadPoolExecutor(count) as threads:
-            losses.append(_step(state, batch(CONFIG), 0.5, threads))
-        found.append({name: weight.grad for name, weight in state.network.named_parameters() if weight.requires_grad})
+            losses.append(train_step(state, batch(CONFIG), 0.5, threads, parts=count))
+        gradients.append(
+            {name: weight.grad for name, weight in state.network.named_parameters() if weight.requires_grad}
+        )
     assert losses[0] == pytest.approx(losses[1], rel=1e-5)
-    for name, one in found[0].items():
-        several = found[1][name]
+    for name, one in gradients[0].items():
+        several = gradients[1][name]
         assert one is not None
         assert several is not None
         assert several.numpy() == pytest.approx(one.numpy(), abs=1e-4 * float(one.abs().max())), name
 
 
-def test_images_that_are_normalised_together_stay_together() -> None:
-    assert _State(small_network.CONFIG).parts == 1
-    assert _State(CONFIG).parts == min(os.cpu_count() or 1, CONFIG.batch)
+def test_batch_parts_of_a_normalized_network_is_one() -> None:
+    assert batch_parts(RunState(small_network.CONFIG).network, small_network.CONFIG) == 1
+    assert batch_parts(RunState(CONFIG).network, CONFIG) == min(os.cpu_count() or 1, CONFIG.batch)
 
 
-def test_another_trunk_starts_with_the_head_of_a_run(tmp_path: Path) -> None:
-    dense = _State.begin(small_network.CONFIG)
-    nn.init.normal_(parts(dense).head.linear.weight)
+def test_begin_with_another_trunk_takes_the_head(tmp_path: Path) -> None:
+    dense = RunState.begin(small_network.CONFIG)
+    nn.init.normal_(encoder_of(dense).head.linear.weight)
     dense.average.load_state_dict(dense.network.state_dict())
     dense.save(tmp_path, score=0)
-    started = _State.begin(replace(CONFIG, start=str(tmp_path / "last.pt")))
-    assert torch.equal(parts(started).head.linear.weight, parts(dense).head.linear.weight)
+    started = RunState.begin(replace(CONFIG, start=str(tmp_path / "last.pt")))
+    assert torch.equal(encoder_of(started).head.linear.weight, encoder_of(dense).head.linear.weight)
 
 
-def test_finer_maps_are_added_to_a_run_that_had_none(tmp_path: Path) -> None:
-    coarse = _State.begin(CONFIG)
+def test_begin_with_finer_maps_starts_them_at_zero(tmp_path: Path) -> None:
+    coarse = RunState.begin(CONFIG)
     coarse.save(tmp_path, score=0)
     finer = replace(CONFIG, encoder=replace(ENCODER, fine_maps=3), start=str(tmp_path / "last.pt"))
-    state, images = _State.begin(finer), torch.rand(2, 3, 32, 32)
+    state, images = RunState.begin(finer), torch.rand(2, 3, 32, 32)
     with torch.no_grad():
-        assert torch.allclose(parts(state).eval()(images), parts(coarse).eval()(images), atol=1e-6)
+        assert torch.allclose(encoder_of(state).eval()(images), encoder_of(coarse).eval()(images), atol=1e-6)
     with ThreadPoolExecutor(1) as threads:
         for _ in range(2):  # at first only the weights that read them move
-            _step(state, batch(finer), 0.5, threads)
-    assert not torch.equal(state.network.state_dict()["encoder.features.fine.weight"], parts_fine(finer))
+            train_step(state, batch(finer), 0.5, threads)
+    assert not torch.equal(state.network.state_dict()["encoder.features.fine.weight"], fine_weights(finer))
     state.save(tmp_path, score=1)
     with pytest.raises(ValueError, match="another trunk"):
-        _State.begin(replace(CONFIG, spec=CONFIG.spec.with_k(1), start=str(tmp_path / "last.pt")))
+        RunState.begin(replace(CONFIG, spec=CONFIG.spec.with_k(1), start=str(tmp_path / "last.pt")))
 
 
-def parts_fine(config: TrainConfig) -> torch.Tensor:
-    """The finer maps' weights as a run begins with them."""
-    fine: torch.Tensor = _State.begin(config).network.state_dict()["encoder.features.fine.weight"]
+def fine_weights(config: TrainConfig) -> torch.Tensor:
+    """Return the weights that read the finer maps, as a run begins with them."""
+    fine: torch.Tensor = RunState.begin(config).network.state_dict()["encoder.features.fine.weight"]
     return fine
 
 
-def test_a_checkpoint_loads_without_the_published_weights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    state = _State.begin(CONFIG)
+def test_load_network_works_without_the_published_weights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    state = RunState.begin(CONFIG)
     state.save(tmp_path, score=0)
     monkeypatch.setattr("model.networks.lite0.load_imagenet", None)
     network, config, _ = load_network(tmp_path / "last.pt")
     assert config == CONFIG
     images, canonical = torch.rand(1, 3, 32, 32), torch.rand(1, 5, 3)
-    found, kept = network(images, canonical).detach(), state.average(images, canonical).detach()
-    assert found.numpy() == pytest.approx(kept.numpy(), abs=1e-6)
+    points, expected = network(images, canonical).detach(), state.average(images, canonical).detach()
+    assert points.numpy() == pytest.approx(expected.numpy(), abs=1e-6)
 
 
 @pytest.mark.parametrize("fine_maps", [0, 3])
-def test_torch_and_onnxruntime_agree(fine_maps: int, tmp_path: Path) -> None:
+def test_export_of_lite0_agrees_with_torch(fine_maps: int, tmp_path: Path) -> None:
     config, path = replace(CONFIG, encoder=replace(ENCODER, fine_maps=fine_maps)), tmp_path / "lite0.onnx"
-    encoder = parts(_State.begin(config)).eval()
+    encoder = encoder_of(RunState.begin(config)).eval()
     head = ColorHead(color_spec(config.spec), look(encoder, torch.zeros(1, 3, 32, 32))[1].shape[1]).eval()
     for color in (None, head):
         assert max(export(encoder, config, {"name": "lite0"}, path, color).values()) < TOLERANCE

@@ -11,7 +11,7 @@ from model.evaluation.paths import RUNS
 from model.evaluation.records import Record
 from model.report import runs
 from model.report.tables import loss
-from model.training.train import _State
+from model.training.state import RunState
 from tests.support.small import data as small_data
 from tests.support.small import network as small_network
 
@@ -20,7 +20,7 @@ from tests.support.small import network as small_network
 def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("tried")
     data = small_data.write(folder / "data", train=3, test=2)
-    state = _State(small_network.CONFIG)
+    state = RunState(small_network.CONFIG)
     state.step, state.elapsed_s = 1234, 90.0
     (folder / "run").mkdir()
     state.save(folder / "run", score=0)

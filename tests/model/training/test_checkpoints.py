@@ -11,7 +11,7 @@ import torch
 from model.cli.common import SHIPPED
 from model.config import EncoderConfig, TrainConfig
 from model.training.checkpoints import load_encoder, load_network
-from model.training.train import _State
+from model.training.state import RunState
 from tests.support.small import network as small_network
 
 BEFORE = Path(__file__).with_name("checkpoint_0_1.pt")  # seed 0, nothing learned; written by version 0.1.0
@@ -49,7 +49,7 @@ def test_load_encoder_of_the_version_before_gives_the_same_theta(file: Path) -> 
 
 def test_resume_of_the_version_before_keeps_its_state(tmp_path: Path) -> None:
     (tmp_path / "last.pt").write_bytes(BEFORE.read_bytes())
-    state = _State.resume(tmp_path, small_network.CONFIG)
+    state = RunState.resume(tmp_path, small_network.CONFIG)
     assert (state.step, state.elapsed_s, state.best) == (7, 1.5, 0.25)
     assert state.config.encoder == small_network.CONFIG.encoder
 

@@ -17,7 +17,7 @@ from model.networks.color_head import ColoredEncoder, ColorHead, color_spec, dig
 from model.networks.encoder import ImageEncoder
 from model.networks.mapping import power
 from model.training.checkpoints import load_encoder
-from model.training.train import _State
+from model.training.state import RunState
 from model.training.train_color import Seen, _Learner, see
 from service.encoding.encoder import Encoder
 from service.mapping.color import ColorSampler
@@ -36,7 +36,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def run(tmp_path: Path) -> Path:
     """A run's folder with the checkpoint of a network that has learnt nothing."""
-    _State(CONFIG).save(tmp_path, score=0.0)
+    RunState(CONFIG).save(tmp_path, score=0.0)
     return tmp_path
 
 
