@@ -49,10 +49,10 @@ def real(model_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator
 def bombs() -> dict[str, bytes]:
     """Sound images of 64 megapixels in small files."""
     white = Image.new("L", (SIDE, SIDE), 255)
-    coloured = white.convert("RGB")
+    colored = white.convert("RGB")
     files = {
         "PNG": image_file(white, "PNG"),
-        "WEBP": image_file(coloured, "WEBP", method=0),
+        "WEBP": image_file(colored, "WEBP", method=0),
         "JPEG": image_file(white, "JPEG"),
         "JPEG progressive": image_file(white, "JPEG", progressive=True),
         "PNG animated": image_file(white, "PNG", save_all=True, append_images=[white]),

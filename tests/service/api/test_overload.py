@@ -120,9 +120,9 @@ def test_ready_with_a_hanging_encoder_answers_503_until_it_recovers(
 
 
 def test_encode_with_one_failing_image_in_a_batch_fails_that_image_only(slow: Server, quick: httpx.Client) -> None:
-    colours = [(0, 0, 255)] + [(255, 255, 0 if index % 2 else 200) for index in range(1, 3)]
+    colors = [(0, 0, 255)] + [(255, 255, 0 if index % 2 else 200) for index in range(1, 3)]
     with ThreadPoolExecutor(3) as pool:
-        answers = list(pool.map(lambda colour: quick.post(PATH, content=plain(*colour)).status_code, colours))
+        answers = list(pool.map(lambda color: quick.post(PATH, content=plain(*color)).status_code, colors))
     assert answers == [201, 500, 201]
     gate = runtime_of(slow).gates.images
     assert (gate.held, gate.finished, gate.failed) == (0, 2, 1)

@@ -1,4 +1,4 @@
-"""Colour over a real socket: what objects of a model in colour give, and what becomes of it in words and files."""
+"""Color over a real socket: points, meshes and weights of colored objects, words of them, and their files."""
 
 import base64
 import io
@@ -62,7 +62,7 @@ def _random_color(seed: int) -> Array:
     return weights
 
 
-# What an object in colour gives
+# Files of a colored object
 
 
 def test_points_with_color_are_those_of_the_color_function(colored: httpx.Client) -> None:
@@ -173,14 +173,14 @@ def test_weights_of_a_colored_object_hold_the_color(colored: httpx.Client) -> No
 def test_import_of_a_colored_file_gives_the_same_object(colored: httpx.Client, client: httpx.Client) -> None:
     item = encoded(colored)
     file = colored.get(item["links"]["weights"]).content
-    answer = client.post("/objects", content=file)  # of a service whose own model has no colour
+    answer = client.post("/objects", content=file)  # of a service whose own model has no color
     again = answer.json()
     assert (answer.status_code, again["color"]) == (201, item["color"])
     assert client.get(again["links"]["weights"]).content == file
     assert _file(client, again, "ply") == _file(colored, item, "ply")
     weights = load(file)
     plain = client.post("/objects", content=dump(Weights(weights.spec, weights.theta, weights.model), "safetensors"))
-    assert plain.status_code == 201  # the same theta without its colour is another object
+    assert plain.status_code == 201  # the same theta without its color is another object
     assert plain.json()["id"] != again["id"]
     assert "color" not in plain.json()
 

@@ -14,10 +14,9 @@ from service.formats.weights import Weights, dump, load
 from service.mapping.canonical import canonical_points
 from service.mapping.spec import Array, MappingSpec, initial_theta
 from service.runtime.composition import MAX_WORDS, Member, check_members
-from tests.support.photos import disc, image_file
 from tests.support.postgres import EVERY_DATABASE
+from tests.support.small.objects import SPEC, encode_discs
 
-SPEC = MappingSpec("small", 3, (8, 8), 3, activation="tanh", k=3, domain="cube")
 UNKNOWN = "0" * 32
 
 
@@ -27,10 +26,6 @@ def _post(client: httpx.Client, spec: MappingSpec = SPEC, seed: int = 0, model: 
     answer = client.post("/objects", content=dump(Weights(spec, theta, model), "safetensors"))
     assert answer.status_code in (200, 201), answer.text
     return str(answer.json()["id"])
-
-
-def _encode(client: httpx.Client, *colours: str) -> list[str]:
-    return [client.post("/encode", content=image_file(disc(colour))).json()["id"] for colour in colours]
 
 
 def _compose(client: httpx.Client, *ids: str, mode: str = "compose") -> httpx.Response:
@@ -62,7 +57,7 @@ def test_compose_applies_the_last_function_first(client: httpx.Client) -> None:
 
 
 def test_compose_returns_the_composed_object(client: httpx.Client) -> None:
-    a, b = _encode(client, "red", "green")
+    a, b = encode_discs(client, "red", "green")
     item = client.post("/compose", json={"objects": [a, b]}).json()
     one = client.get(f"/objects/{a}").json()
     assert item == {
@@ -97,7 +92,7 @@ def test_compose_all_returns_words_in_lexicographic_order(client: httpx.Client) 
 
 
 def test_compose_all_makes_only_missing_words(client: httpx.Client) -> None:
-    a, b = _encode(client, "red", "green")
+    a, b = encode_discs(client, "red", "green")
     ab = _compose(client, a, b).json()
     answer = _compose(client, a, b, mode="all")
     assert answer.status_code == 201
@@ -123,14 +118,14 @@ def test_compose_interpolate_averages_theta(client: httpx.Client) -> None:
 
 
 def test_compose_of_an_interpolated_object_makes_a_word(client: httpx.Client) -> None:
-    a, b = _encode(client, "red", "green")
+    a, b = encode_discs(client, "red", "green")
     mean = _compose(client, a, b, mode="interpolate").json()["id"]
     assert _compose(client, a, mean).json()["word"] == [a, mean]
 
 
 @pytest.mark.parametrize("mode", ["compose", "interpolate", "all"])
 def test_compose_repeated_answers_200_with_the_same_objects(client: httpx.Client, mode: str) -> None:
-    a, b = _encode(client, "red", "green")
+    a, b = encode_discs(client, "red", "green")
     first = _compose(client, a, b, mode=mode)
     count = _count(client)
     again = _compose(client, a, b, mode=mode)
@@ -141,7 +136,7 @@ def test_compose_repeated_answers_200_with_the_same_objects(client: httpx.Client
 
 
 def test_compose_ids_differ_by_mode_and_order(client: httpx.Client) -> None:
-    a, b = _encode(client, "red", "green")
+    a, b = encode_discs(client, "red", "green")
     calls = [((a, b), "compose"), ((b, a), "compose"), ((a, b), "interpolate"), ((a, a, b), "interpolate")]
     assert len({_compose(client, *ids, mode=mode).json()["id"] for ids, mode in calls}) == 4
 
@@ -159,7 +154,7 @@ def _refused(answer: httpx.Response, status: int, field: str | None) -> str:
 @pytest.mark.parametrize("mode", ["compose", "interpolate", "all"])
 @pytest.mark.parametrize("unknown", [UNKNOWN, "x", "", "\0", "A" * 32, "é" * 500])
 def test_compose_with_an_unknown_id_answers_404_and_names_it(client: httpx.Client, mode: str, unknown: str) -> None:
-    (a,) = _encode(client, "red")
+    (a,) = encode_discs(client, "red")
     detail = _refused(_compose(client, a, unknown, mode=mode), 404, "objects[1]")
     assert detail == "objects[1]: there is no object of this id"
     assert _count(client) == 1
@@ -167,7 +162,7 @@ def test_compose_with_an_unknown_id_answers_404_and_names_it(client: httpx.Clien
 
 @pytest.mark.parametrize("mode", ["compose", "interpolate", "all"])
 def test_compose_of_a_composed_object_is_refused(client: httpx.Client, mode: str) -> None:
-    a, b = _encode(client, "red", "green")
+    a, b = encode_discs(client, "red", "green")
     ab = _compose(client, a, b).json()["id"]
     assert "objects[1] is composed" in _refused(_compose(client, a, ab, mode=mode), 422, "objects[1]")
 
@@ -248,7 +243,7 @@ def test_compose_with_a_bad_body_is_refused(client: httpx.Client, body: bytes, s
 
 
 def test_compose_with_a_query_is_refused(client: httpx.Client) -> None:
-    a, b = _encode(client, "red", "green")
+    a, b = encode_discs(client, "red", "green")
     answer = client.post("/compose?mode=all", json={"objects": [a, b]})
     _refused(answer, 422, "mode")
 
@@ -258,11 +253,11 @@ def test_compose_with_a_query_is_refused(client: httpx.Client) -> None:
 
 @EVERY_DATABASE
 def test_compose_during_a_deletion_leaves_no_dangling_word(client: httpx.Client) -> None:
-    (b,) = _encode(client, "green")
+    (b,) = encode_discs(client, "green")
     outcomes = set()
     with ThreadPoolExecutor(4) as pool:
         for _ in range(20):
-            (a,) = _encode(client, "red")
+            (a,) = encode_discs(client, "red")
             composing = [pool.submit(_compose, client, a, b, mode="all") for _ in range(2)]
             deleting = [pool.submit(client.delete, f"/objects/{a}") for _ in range(2)]
             composed, deleted = ({each.result().status_code for each in calls} for calls in (composing, deleting))
