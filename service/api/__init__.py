@@ -1,1 +1,1 @@
-"""The HTTP API: the application, its routes and middleware, and its problems."""
+"""The HTTP API: the application, its routes and its middleware."""

@@ -1,1 +1,1 @@
-"""The work behind the calls: worker threads, batches, admission, streams, compositions. It knows no HTTP."""
+"""Work behind the routes: worker threads, batches, admission, streams, compositions. It knows no HTTP."""

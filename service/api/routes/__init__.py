@@ -1,1 +1,1 @@
-"""The calls of the API: HTTP only. They parse, call, and respond."""
+"""Routes of the API: they parse requests, call the runtime, and answer. HTTP only."""

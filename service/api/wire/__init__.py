@@ -1,1 +1,1 @@
-"""HTTP without routes: bodies, disconnects, caching, content negotiation."""
+"""HTTP below the routes: bodies, disconnects, caching, content negotiation."""
