@@ -1,7 +1,7 @@
-"""The one step of the build that pyproject.toml cannot state: the page's bundle, service/viewer/static/bundle.
+"""Build the page's bundle, service/viewer/static/bundle: the one step that pyproject.toml cannot state.
 
 three.js and Swagger UI come from npm, at the versions of service/viewer/package-lock.json; the example photos are the
-demo's. Where there is no npm, the package is built without them, and the service says so at `/`.
+demo's. Without npm the package is built without them, and the service says so at `/`.
 """
 
 import json
@@ -32,10 +32,10 @@ FILES: Final = {
 
 
 class BuildWithBundle(build_py):
-    """Python's files, and beside them the bundle; for wheels and editable installs alike."""
+    """Build of the Python files and of the bundle beside them, for wheels and editable installs alike."""
 
     def run(self) -> None:
-        """Get what is missing of the npm packages, copy what the page takes of them, build."""
+        """Install missing npm packages, copy the files that the page uses, and build."""
         npm = shutil.which("npm")
         if npm and _versions(MODULES / ".package-lock.json") != _versions(VIEWER / "package-lock.json"):
             subprocess.run([npm, "ci", "--no-audit", "--no-fund"], cwd=VIEWER, check=True)  # noqa: S603
@@ -45,7 +45,7 @@ class BuildWithBundle(build_py):
 
 
 def _versions(lock: Path) -> dict[str, str]:
-    """The packages of an npm lock file and their versions; none where there is no file."""
+    """Return the packages of an npm lock file and their versions; none if there is no file."""
     packages = json.loads(lock.read_text("utf-8"))["packages"] if lock.is_file() else {}
     return {name: package["version"] for name, package in packages.items() if name}
 

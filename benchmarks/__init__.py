@@ -1,1 +1,1 @@
-"""What the figures in benchmarks/RESULTS.md come from: `make bench`."""
+"""Measurements of the service: speed/ for `make bench`, load/ for `make load` and `make soak`."""

@@ -1,4 +1,4 @@
-"""The demo: start `hof serve`, send it the pictures of this folder, fetch points, draw both side by side.
+"""Run the demo: start `hof serve`, send it the pictures of this folder, fetch points, draw both side by side.
 
 Needs what the service needs and nothing more; the standard library talks HTTP.
 """
@@ -36,7 +36,7 @@ SIDE: Final = 480  # pixels of a cell of the picture
 
 
 def main() -> int:
-    """Run the demo. Returns the exit status; what went wrong is one line on stderr."""
+    """Run the demo. Returns the exit status; an error is one line on stderr."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("out/demo"), help="folder to write; default: out/demo")
     out = parser.parse_args().out
@@ -55,14 +55,14 @@ def main() -> int:
 
 
 def fail(message: str) -> int:
-    """Say what went wrong; the exit status."""
+    """Print an error; return the exit status."""
     print(f"demo: {message}", file=sys.stderr)
     return 1
 
 
 @contextmanager
 def serving() -> Iterator[str]:
-    """`hof serve` on a free port with an empty store: its address, once it is ready, until the block ends."""
+    """Run `hof serve` on a free port with an empty store until the block ends; its address, once it is ready."""
     with socket.create_server(("127.0.0.1", 0)) as probe:
         port = str(probe.getsockname()[1])
     with tempfile.TemporaryDirectory() as folder:
@@ -79,7 +79,7 @@ def serving() -> Iterator[str]:
 
 
 def wait_until_ready(server: subprocess.Popen[bytes], address: str) -> None:
-    """Ask /health/ready until it answers 200. Raises RuntimeError where it never will."""
+    """Wait until /health/ready answers 200. Raises RuntimeError if the server ends or START_TIMEOUT_S pass."""
     deadline = time.monotonic() + START_TIMEOUT_S
     while time.monotonic() < deadline:
         if server.poll() is not None:
@@ -94,15 +94,15 @@ def wait_until_ready(server: subprocess.Popen[bytes], address: str) -> None:
 
 
 def request(url: str, body: bytes | None = None) -> bytes:
-    """GET, or POST where there is a body; the answer's body. Raises HTTPError for 4xx and 5xx."""
-    asked = urllib.request.Request(url, body, {"Content-Type": "application/octet-stream"})  # noqa: S310
-    with urllib.request.urlopen(asked, timeout=REQUEST_TIMEOUT_S) as answer:  # noqa: S310
+    """Send a GET, or a POST if there is a body; return the answer's body. Raises HTTPError for 4xx and 5xx."""
+    call = urllib.request.Request(url, body, {"Content-Type": "application/octet-stream"})  # noqa: S310
+    with urllib.request.urlopen(call, timeout=REQUEST_TIMEOUT_S) as answer:  # noqa: S310
         data: bytes = answer.read()
     return data
 
 
 def lift(photo: Path, address: str, out: Path) -> tuple[Floats, Bytes | None]:
-    """Encode a photo over HTTP, write its points as PLY and GLB, and return them, (n, 3), with their colours if any."""
+    """Encode a photo over HTTP, write its points as PLY and GLB, and return them, (n, 3), with their colors if any."""
     stored = json.loads(request(f"{address}/encode", photo.read_bytes()))
     files = {}
     for kind in ("ply", "glb"):
@@ -116,7 +116,7 @@ def lift(photo: Path, address: str, out: Path) -> tuple[Floats, Bytes | None]:
 
 
 def row(photo: Path, points: Floats, colors: Bytes | None) -> Bytes:
-    """A photo and its points side by side, (SIDE, 2 * SIDE, 3)."""
+    """Draw a photo and its points side by side, (SIDE, 2 * SIDE, 3)."""
     cell = Image.new("RGBA", (SIDE, SIDE), "white")
     picture = Image.open(photo).convert("RGBA")
     scale = 0.9 * SIDE / max(picture.size)

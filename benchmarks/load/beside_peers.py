@@ -1,4 +1,4 @@
-"""Our service beside bare FastAPI, LitServe and BentoML: the same model, framing and store, one core, in turn."""
+"""The service beside bare FastAPI, LitServe and BentoML: the same model, framing and store, one core, in turn."""
 
 import asyncio
 import itertools
@@ -22,7 +22,7 @@ Runs = dict[tuple[str, int], list[Answers]]
 
 
 def compare(targets: list[Target], core: int, rounds: int, seconds: float, others: Path | None) -> str:
-    """Requests a second and p99 of POST /encode of each, in turn, round by round.
+    """Return a section with requests per second and p99 of POST /encode of each server, run in turn, round by round.
 
     Parameters
     ----------
@@ -33,13 +33,13 @@ def compare(targets: list[Target], core: int, rounds: int, seconds: float, other
         for name, (command, ready) in _commands(others).items():
             with serving(command, {core}, ready) as (url, _):
                 _measure(runs, name, f"{url}/encode", seconds, round_)
-    rates = {key: np.array([answers.goodput for answers in found]) for key, found in runs.items()}
+    rates = {key: np.array([answers.goodput for answers in loads]) for key, loads in runs.items()}
     for clients in LEVELS:
         for name in _commands(others):
             if name != OURS:
                 ratio = float(np.median(rates[OURS, clients] / rates[name, clients]))
                 targets.append(Target(f"{clients} clients: ours against {name}", ratio, 0.95 if name == BARE else 1))
-    lost = sum(len(answers.statuses) - answers.count(200, 299) for found in runs.values() for answers in found)
+    lost = sum(len(answers.statuses) - answers.count(200, 299) for loads in runs.values() for answers in loads)
     names = dict.fromkeys(name for name, _ in runs)
     head = " | ".join(f"{clients} clients: photos/s | p99, ms" for clients in LEVELS)
     return (
@@ -50,7 +50,7 @@ def compare(targets: list[Target], core: int, rounds: int, seconds: float, other
 
 
 def _commands(others: Path | None) -> dict[str, tuple[list[str], str]]:
-    """Each server's command, and where it tells that it is up."""
+    """Return each server's command, and the path that answers once it is up."""
     commands = {
         OURS: (hof(threads=1), "/health/ready"),
         BARE: ([sys.executable, "-m", "benchmarks.load.peers.bare", "{port}"], "/health/ready"),
@@ -76,7 +76,7 @@ def _measure(runs: Runs, name: str, url: str, seconds: float, round_: int) -> No
 def _row(name: str, runs: Runs) -> str:
     cells = []
     for clients in LEVELS:
-        found = runs[name, clients]
-        cells.append(f"{np.median([answers.goodput for answers in found]):.1f}")
-        cells.append(f"{np.median([answers.p99_ms() for answers in found]):.1f}")
+        loads = runs[name, clients]
+        cells.append(f"{np.median([answers.goodput for answers in loads]):.1f}")
+        cells.append(f"{np.median([answers.p99_ms() for answers in loads]):.1f}")
     return f"| {name} | {' | '.join(cells)} |"

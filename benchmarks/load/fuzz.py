@@ -28,8 +28,8 @@ QUERIES: Final = ("", "?background=keep", "?store=false", "?foreground_ratio=0.1
 
 
 @dataclass
-class Found:
-    """What came of the images, by status and problem, and the numbers of those that were not answered as they should.
+class Outcome:
+    """Answers to the images by status and problem, and the numbers of the images that failed.
 
     memory : resident bytes of the server after the warm-up and at the end.
     """
@@ -41,62 +41,64 @@ class Found:
 
 
 def fuzz(targets: list[Target], count: int) -> str:
-    """Send so many damaged images and count the answers."""
+    """Send `count` damaged images, count the answers, and return the page's section."""
     start = time.perf_counter()
     with serving(hof(threads=1), {SERVER_CORE}) as (url, pid):
-        found = asyncio.run(_drive(url, pid, count))
+        outcome = asyncio.run(_drive(url, pid, count))
     took_s = time.perf_counter() - start
-    growth = found.memory[-1] / found.memory[0] - 1
+    growth = outcome.memory[-1] / outcome.memory[0] - 1
     targets += [
-        Target("fuzz: answers of 5xx, or none", len(found.failed), 0, at_most=True),
-        Target("fuzz: the server lives at the end", found.is_live, 1),
+        Target("fuzz: answers of 5xx, or none", len(outcome.failed), 0, at_most=True),
+        Target("fuzz: the server lives at the end", outcome.is_live, 1),
         Target("fuzz: growth of resident memory, %", 100 * growth, 10, at_most=True),
     ]
-    rows = "\n".join(f"| {status} | {kind} | {number:,} |" for (status, kind), number in sorted(found.answers.items()))
-    told = f"\n\nFailed, by number: {', '.join(map(str, found.failed[:100]))}." if found.failed else ""
+    rows = "\n".join(
+        f"| {status} | {kind} | {number:,} |" for (status, kind), number in sorted(outcome.answers.items())
+    )
+    failures = f"\n\nFailed, by number: {', '.join(map(str, outcome.failed[:100]))}." if outcome.failed else ""
     return (
         f"## Fuzzing: POST /encode, {count:,} damaged images, {CLIENTS} clients, {took_s:.0f} s\n\n"
         "PNG, JPEG and WebP of every sort, with bits flipped, bytes lost, chunks out of place, lengths that lie, "
         f"or two files joined.\n\n| status | problem | images |\n|---|---|---|\n{rows}\n\n"
-        f"Resident memory: {found.memory[0] / MIB:.1f} MiB after the first {WARM_UP:.0%}, {found.memory[-1] / MIB:.1f} "
-        f"MiB at the end.{told}"
+        f"Resident memory: {outcome.memory[0] / MIB:.1f} MiB after the first {WARM_UP:.0%}, "
+        f"{outcome.memory[-1] / MIB:.1f} MiB at the end.{failures}"
     )
 
 
-async def _drive(url: str, pid: int, count: int) -> Found:
-    found = Found()
+async def _drive(url: str, pid: int, count: int) -> Outcome:
+    outcome = Outcome()
 
     async with session() as client:
 
         async def ask(number: int) -> None:
             if number == int(WARM_UP * count):
-                found.memory.append(status_bytes(pid, "VmRSS"))
+                outcome.memory.append(status_bytes(pid, "VmRSS"))
             status, kind = await _send(client, url, number)
-            found.answers[status, kind] += 1
+            outcome.answers[status, kind] += 1
             if status == LOST or status >= 500:
-                found.failed.append(number)
+                outcome.failed.append(number)
 
         await each(count, CLIENTS, ask)
-        found.memory.append(status_bytes(pid, "VmRSS"))
+        outcome.memory.append(status_bytes(pid, "VmRSS"))
         async with client.get(f"{url}/health/live") as answer:
-            found.is_live = answer.status == 200
-    return found
+            outcome.is_live = answer.status == 200
+    return outcome
 
 
 async def _send(client: aiohttp.ClientSession, url: str, number: int) -> tuple[int, str]:
-    """The status of the answer, LOST without one, and the title of its problem; every eighth image goes as a form."""
+    """Return the answer's status, LOST without one, and the title of its problem. Every eighth image goes as a form."""
     image, path = mutant(number), f"{url}/encode{QUERIES[number % len(QUERIES)]}"
     data = aiohttp.FormData({"image": io.BytesIO(image)}) if number % 8 == 0 else image
     try:
         async with client.post(path, data=data) as answer:
-            told = await answer.json(content_type=None)
-            return answer.status, told.get("title", "")
+            body = await answer.json(content_type=None)
+            return answer.status, body.get("title", "")
     except (aiohttp.ClientError, TimeoutError, ValueError):
         return LOST, ""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Fuzz and print; 1 where an image was not answered as it should."""
+    """Fuzz and print. Return 1 if a target was missed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=10_000, help="images; default: 10,000")
     targets: list[Target] = []

@@ -1,4 +1,4 @@
-"""Load: closed loops, in which each client waits for its answer, and open ones, in which requests come regardless."""
+"""Load generators: closed loops, where each client waits for its answer, and open loops, where requests keep coming."""
 
 import asyncio
 import time
@@ -15,25 +15,25 @@ LOST: Final = 0  # the status of a request without an answer
 
 @dataclass
 class Answers:
-    """What came back: status and seconds of each request, and how long it all took."""
+    """Status and seconds of each request, and seconds of the whole load."""
 
     took_s: float = 0.0
     statuses: list[int] = field(default_factory=list)
     seconds: list[float] = field(default_factory=list)
 
     def add(self, status: int, seconds: float) -> None:
-        """One more answer."""
+        """Record one answer."""
         self.statuses.append(status)
         self.seconds.append(seconds)
 
     def join(self, others: "Answers") -> None:
-        """Those of another load, too."""
+        """Merge the answers of another load."""
         self.took_s += others.took_s
         self.statuses += others.statuses
         self.seconds += others.seconds
 
     def count(self, low: int, high: int) -> int:
-        """Answers with a status from low to high."""
+        """Return the number of answers with a status from low to high."""
         return sum(low <= status <= high for status in self.statuses)
 
     @property
@@ -42,18 +42,18 @@ class Answers:
         return self.count(200, 299) / self.took_s
 
     def p99_ms(self, low: int = 200, high: int = 299) -> float:
-        """The 99th percentile of the time of answers with such a status, nan without any."""
+        """99th percentile, in ms, of the time of answers with a status from low to high; nan without any."""
         chosen = [took for took, status in zip(self.seconds, self.statuses, strict=True) if low <= status <= high]
         return 1000 * float(np.percentile(chosen, 99)) if chosen else float("nan")
 
 
 def session() -> aiohttp.ClientSession:
-    """One that opens as many connections as there are requests at a time."""
+    """Open a client session without a limit of connections."""
     return aiohttp.ClientSession(connector=aiohttp.TCPConnector(limit=0), timeout=TIMEOUT)
 
 
 async def post(client: aiohttp.ClientSession, url: str, body: bytes, answers: Answers) -> None:
-    """Send a photo; the answer is read whole."""
+    """Send a photo, read the whole answer, and record it."""
     start = time.perf_counter()
     try:
         async with client.post(url, data=body, headers={"Content-Type": "image/jpeg"}) as answer:
@@ -65,7 +65,7 @@ async def post(client: aiohttp.ClientSession, url: str, body: bytes, answers: An
 
 
 async def closed_loop(url: str, bodies: Iterator[bytes], clients: int, seconds: float) -> Answers:
-    """So many clients, each sending its next photo when it has its answer."""
+    """Run so many clients, each sending its next photo when it has its answer."""
     answers = Answers()
     start = time.perf_counter()
 
@@ -80,7 +80,7 @@ async def closed_loop(url: str, bodies: Iterator[bytes], clients: int, seconds: 
 
 
 async def each(count: int, clients: int, ask: Callable[[int], Awaitable[None]]) -> None:
-    """Ask for each number below `count`, so many at a time."""
+    """Call `ask` with each number below `count`, `clients` at a time."""
     numbers = iter(range(count))
 
     async def one() -> None:
@@ -91,7 +91,7 @@ async def each(count: int, clients: int, ask: Callable[[int], Awaitable[None]]) 
 
 
 async def open_loop(url: str, bodies: Iterator[bytes], per_second: float, seconds: float) -> Answers:
-    """Photos at a rate, whether or not the earlier ones are answered. It ends with the last answer."""
+    """Send photos at a rate, whether or not the earlier ones are answered; return after the last answer."""
     answers = Answers()
     pending: set[asyncio.Task[None]] = set()
     start = time.perf_counter()
@@ -107,7 +107,7 @@ async def open_loop(url: str, bodies: Iterator[bytes], per_second: float, second
 
 
 async def probe(url: str, every_s: float, until: "asyncio.Task[Answers]") -> Answers:
-    """Ask a probe again and again while a load runs."""
+    """Call a probe again and again while a load runs."""
     answers = Answers()
     async with session() as client:
         while not until.done():

@@ -14,7 +14,7 @@ MOST_WRITES: Final = 100  # before a kill
 
 
 def faults(targets: list[Target], kills: int, stops: int) -> str:
-    """Kill the service so many times, stop it so many times, and count what is missing."""
+    """Kill the service so many times, stop it so many times, count what is missing, and return the page's section."""
     draw, ledger, missing = random.Random(0), Ledger(), 0  # noqa: S311
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

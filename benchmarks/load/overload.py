@@ -1,4 +1,4 @@
-"""Far more photos than the service can encode: what it still answers, and how the others are turned away.
+"""Send far more photos than the service can encode: photos that it still answers, and how it refuses the rest.
 
 The host of a virtual machine gives its cores to others, now 1% of the time, now 20%. So rates are those of the time
 that the server's core was given, and each flood stands between two peaks.
@@ -22,7 +22,7 @@ from tests.support.resources import SERVER_CORE, cpu_s, given_s, status_bytes, t
 OVERLOAD: Final = 3  # times the peak
 CLIENTS: Final = (16, 64)  # of a closed loop
 PATIENT: Final = "import sys; sys.setswitchinterval(0.02); from service.cli.main import main; main(sys.argv[1:])"
-TRIED: Final = {  # commands whose servers might lose less to the photos that they turn away
+WAYS: Final = {  # commands of servers that might lose less to the photos that they refuse
     "as shipped": hof(threads=1),
     "a queue of 16 photos, not 128": hof(threads=1, max_queued_images=16),
     "no thread takes the core from another (SCHED_BATCH)": ["chrt", "--batch", "0", *hof(threads=1)],
@@ -32,17 +32,17 @@ TRIED: Final = {  # commands whose servers might lose less to the photos that th
 
 @dataclass
 class Floods:
-    """What came back of several: of the photos, and of the probes beside them; photos/s of each peak and flood, by
+    """Answers of several floods, to the photos and to the probes beside them; photos/s of each flood and its peaks, by
     the clock and by the time that the core was given."""
 
     photos: Answers = field(default_factory=Answers)
     live: Answers = field(default_factory=Answers)
     by_clock: list[tuple[float, float]] = field(default_factory=list)  # a flood's, and its peaks' mean
-    given: list[tuple[float, float]] = field(default_factory=list)
+    by_core: list[tuple[float, float]] = field(default_factory=list)
 
 
 def overload(targets: list[Target], rounds: int, seconds: int) -> str:
-    """Rounds of the peak, an open loop far above it, and the peak again. Idle processor time and threads on the way."""
+    """Measure rounds of a peak, an open loop far above it, and the peak again; idle processor time and threads too."""
     floods = Floods()
     with serving(hof(threads=1), {SERVER_CORE}) as (url, pid):
         asyncio.run(closed_loop(f"{url}/encode", photos(1), 8, seconds / 10))  # warm
@@ -54,7 +54,7 @@ def overload(targets: list[Target], rounds: int, seconds: int) -> str:
         growth = status_bytes(pid, "VmRSS") / before - 1
         count = threads(pid)
     targets += [
-        Target("overload: goodput as a share of the peak", _share(floods.given), 0.95),
+        Target("overload: goodput as a share of the peak", _share(floods.by_core), 0.95),
         Target("overload: answers of 5xx, or none", _failed(floods.photos), 0, at_most=True),
         Target("overload: p99 of 429, ms", floods.photos.p99_ms(429, 429), 20, at_most=True),
         Target("overload: p99 of /health/live, ms", floods.live.p99_ms(), 50, at_most=True),
@@ -65,16 +65,16 @@ def overload(targets: list[Target], rounds: int, seconds: int) -> str:
     return _section(floods, seconds, before)
 
 
-def tried(rounds: int, seconds: int) -> str:
-    """Goodput of other ways to run the server, each beside the way it is shipped, in turn."""
-    floods = {name: Floods() for name in TRIED}
+def compare_ways(rounds: int, seconds: int) -> str:
+    """Compare goodput of other ways to run the server with the shipped way, in turn."""
+    floods = {name: Floods() for name in WAYS}
     for number in range(rounds):
-        for name, command in TRIED.items():
+        for name, command in WAYS.items():
             with serving(command, {SERVER_CORE}) as (url, _):
                 asyncio.run(closed_loop(f"{url}/encode", photos(1), 8, seconds / 10))
                 _round(floods[name], url, 10 * number, seconds)
     rows = "\n".join(
-        f"| {name} | {_share(of.given):.3f} | {of.photos.p99_ms(429, 429):.1f} | {of.live.p99_ms():.1f} |"
+        f"| {name} | {_share(of.by_core):.3f} | {of.photos.p99_ms(429, 429):.1f} | {of.live.p99_ms():.1f} |"
         for name, of in floods.items()
     )
     return (
@@ -85,28 +85,28 @@ def tried(rounds: int, seconds: int) -> str:
 
 
 def _round(floods: Floods, url: str, seed: int, seconds: int) -> None:
-    """A flood between two peaks; the last peak of a round is not the first of the next: the store grows."""
+    """Run a flood between two peaks. A round shares no peak with the next, since the store grows."""
     peaks = [_peak(url, seed + 2, seconds)]
     rate = OVERLOAD * peaks[0][1]
     began = given_s(SERVER_CORE)
     answers, live = asyncio.run(_flood(url, seed + 4, rate, seconds))
-    given = answers.count(200, 299) / (given_s(SERVER_CORE) - began)
+    by_core = answers.count(200, 299) / (given_s(SERVER_CORE) - began)
     peaks.append(_peak(url, seed + 6, seconds))
-    by_clock_peak, given_peak = np.mean(peaks, axis=0).tolist()
+    by_clock_peak, by_core_peak = np.mean(peaks, axis=0).tolist()
     floods.by_clock.append((answers.goodput, by_clock_peak))
-    floods.given.append((given, given_peak))
+    floods.by_core.append((by_core, by_core_peak))
     floods.photos.join(answers)
     floods.live.join(live)
 
 
 def _peak(url: str, seed: int, seconds: int) -> tuple[float, float]:
-    """The most that a closed loop gets, photos/s: by the clock, and of the time that the core was given."""
-    found = []
+    """Return the highest rate of a closed loop, photos/s: by the clock, and by the time that the core was given."""
+    rates = []
     for number, clients in enumerate(CLIENTS):
         began = given_s(SERVER_CORE)
         answers = asyncio.run(closed_loop(f"{url}/encode", photos(seed + number), clients, max(1.0, seconds / 6)))
-        found.append((answers.goodput, answers.count(200, 299) / (given_s(SERVER_CORE) - began)))
-    return max(found, key=lambda rates: rates[1])
+        rates.append((answers.goodput, answers.count(200, 299) / (given_s(SERVER_CORE) - began)))
+    return max(rates, key=lambda rate: rate[1])
 
 
 async def _flood(url: str, seed: int, per_second: float, seconds: float) -> tuple[Answers, Answers]:
@@ -124,7 +124,7 @@ def _idle_share(pid: int, seconds: float) -> float:
 
 
 def _share(pairs: list[tuple[float, float]]) -> float:
-    """Of its peaks that a flood reaches: the median."""
+    """Median share of its peaks that a flood reaches."""
     return float(np.median([flood / peak for flood, peak in pairs]))
 
 
@@ -136,7 +136,7 @@ def _section(floods: Floods, seconds: int, before: int) -> str:
     answers = floods.photos
     rows = "\n".join(
         f"| {flood:.1f} | {peak:.1f} | {flood / peak:.3f} | {clock_flood:.1f} | {clock_peak:.1f} |"
-        for (flood, peak), (clock_flood, clock_peak) in zip(floods.given, floods.by_clock, strict=True)
+        for (flood, peak), (clock_flood, clock_peak) in zip(floods.by_core, floods.by_clock, strict=True)
     )
     others = len(answers.statuses) - answers.count(200, 299) - answers.count(429, 429)
     return (

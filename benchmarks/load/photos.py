@@ -1,4 +1,4 @@
-"""Photos for load: each other bytes, so that each is encoded, and all cost the same to decode."""
+"""Photos for load: no two have the same bytes, so each is encoded, and all cost the same to decode."""
 
 import io
 import itertools
@@ -14,9 +14,9 @@ KINDS: Final = 24
 
 
 def photos(seed: int = 0) -> Iterator[bytes]:
-    """JPEGs without end, 512 x 512: shapes with a grain on white, of some kinds, each with a comment of its own.
+    """Yield JPEGs without end, 512 x 512: textured shapes on white, each with a comment of its own.
 
-    The kinds are drawn before the first is asked for."""
+    All pictures are drawn before the first one is returned."""
     kinds = _kinds()
     return (_with_comment(kinds[number % KINDS], f"{seed}-{number}".encode()) for number in itertools.count())
 
@@ -27,7 +27,7 @@ def _kinds() -> list[bytes]:
 
 
 def _with_comment(jpeg: bytes, comment: bytes) -> bytes:
-    """The same picture in other bytes: a comment segment after the first marker."""
+    """Insert a comment segment after the first marker: the same picture in other bytes."""
     return jpeg[:2] + b"\xff\xfe" + (len(comment) + 2).to_bytes(2, "big") + comment + jpeg[2:]
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from benchmarks.load.beside_peers import compare
 from benchmarks.load.fuzz import fuzz
 from benchmarks.load.kills import faults
-from benchmarks.load.overload import overload, tried
+from benchmarks.load.overload import compare_ways, overload
 from benchmarks.speed.timing import in_turn
 from benchmarks.targets import Target, targets_table
 from model.provenance import provenance
@@ -36,21 +36,21 @@ SIZES: Final = (1, 2, 4, 8, 16)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Measure and write. `--quick` is for trying the program, not for figures."""
+    """Measure and write. `--quick` tries the program; its figures mean nothing."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="seconds in place of minutes")
     parser.add_argument("--peers", type=Path, help="environment with LitServe and BentoML; default: without them")
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=PARTS, help="what to measure anew; default: all")
     parser.add_argument("-o", "--output", type=Path, default=FOLDER)
     arguments = parser.parse_args(argv)
-    made = provenance(0)
+    source = provenance(0)
     pin_to(others(SERVER_CORE))
     record: Path = arguments.output / "load.json"
     parts = json.loads(record.read_text("utf-8")) if record.exists() else {}
     for name in arguments.parts:
         targets: list[Target] = []
         text = _measure(name, targets, arguments.peers, quick=arguments.quick)
-        parts[name] = {**made, "targets": [asdict(item) for item in targets], "text": text}
+        parts[name] = {**source, "targets": [asdict(item) for item in targets], "text": text}
         record.write_text(json.dumps(parts, indent=1) + "\n", encoding="utf-8")
     page = _page([parts[name] for name in PARTS if name in parts])
     (arguments.output / "LOAD.md").write_text(page, encoding="utf-8")
@@ -59,14 +59,14 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _measure(name: str, targets: list[Target], peers: Path | None, *, quick: bool) -> str:
-    """One part's section."""
+    """Measure one part and return its section."""
     match name:
         case "batching":
             return batching(targets, 3 if quick else 30)
         case "overload":
             return overload(targets, *((1, 2) if quick else (3, 60)))
         case "tried":
-            return tried(*((1, 2) if quick else (3, 20)))
+            return compare_ways(*((1, 2) if quick else (3, 20)))
         case "peers":
             return compare(targets, SERVER_CORE, 1 if quick else 5, 0.5 if quick else 5, peers)
         case "faults":
@@ -85,7 +85,7 @@ def _page(parts: Sequence[dict[str, Any]]) -> str:
 
 
 def batching(targets: list[Target], rounds: int) -> str:
-    """What a shared call gains, and what it costs one who is alone."""
+    """Measure the gain of a shared call, and its cost for a single image."""
     encoder = Encoder.open(SHIPPED_MODEL, 1)
     side = encoder.framing.size
     images = np.random.default_rng(0).random((max(SIZES), 3, side, side), np.float32)
@@ -105,20 +105,20 @@ def batching(targets: list[Target], rounds: int) -> str:
 
 
 def _added_ms(encoder: Encoder, image: np.ndarray[tuple[int, ...], np.dtype[np.float32]], rounds: int) -> float:
-    """What the batcher adds to a bare call on a worker thread, at concurrency 1: median of the differences."""
+    """Milliseconds that the batcher adds to a bare call on a worker thread, one call at a time: the median."""
 
     async def differences() -> list[float]:
         loop = asyncio.get_running_loop()
         with ThreadPoolExecutor(1) as executor:
             batcher = Batcher(encoder.encode, lambda function: loop.run_in_executor(executor, function))
-            found = []
+            differences_s = []
             for _ in range(rounds):
                 start = time.perf_counter()
                 await loop.run_in_executor(executor, encoder.encode, image)
                 between = time.perf_counter()
                 await batcher.encode(image)
-                found.append(time.perf_counter() - between - (between - start))
-            return found
+                differences_s.append(time.perf_counter() - between - (between - start))
+            return differences_s
 
     return 1000 * float(np.median(asyncio.run(differences())))
 

@@ -37,13 +37,13 @@ SPEC: Final = HOF_1.with_k(2)  # of what is imported
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Send so many requests of every kind and fit a line to the server's resident memory."""
+    """Send requests of every kind and fit a line to the server's resident memory."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--requests", type=int, default=200_000)
     parser.add_argument("-o", "--output", type=Path, default=Path(__file__).resolve().parents[1])
     arguments = parser.parse_args(argv)
     requests: int = arguments.requests
-    made = provenance(0)
+    run = provenance(0)
     pin_to(others(SERVER_CORE))
     start = time.perf_counter()
     with serving(hof(threads=1), {SERVER_CORE}) as (url, pid):
@@ -54,14 +54,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         Target("slope of resident memory over its standard error", slope / error, 2, at_most=True),
         Target("answers of 5xx", sum(count for status, count in statuses.items() if status >= 500), 0, at_most=True),
     ]
-    told = ", ".join(f"{status or 'left'}: {count:,}" for status, count in sorted(statuses.items()))
+    counts = ", ".join(f"{status or 'left'}: {count:,}" for status, count in sorted(statuses.items()))
     page = (
         f"# Soak: {requests:,} mixed requests, {CLIENTS} clients, {took:.0f} s\n\nWritten by `make soak`. "
-        f"{made['machine']}; {made['date']}, commit {made['commit']}. The server has one core and `--threads 1`.\n\n"
+        f"{run['machine']}; {run['date']}, commit {run['commit']}. The server has one core and `--threads 1`.\n\n"
         f"{targets_table(targets)}\n\n"
         "New photos, repeats, points, surfaces, weights, lists, compositions, imports, deletions, bad bodies, "
         "unknown ids, clients that leave. "
-        f"Answers by status: {told}.\n\nResident memory after the first {WARM_UP:.0%}: {memory[-1] / MIB:.1f} "
+        f"Answers by status: {counts}.\n\nResident memory after the first {WARM_UP:.0%}: {memory[-1] / MIB:.1f} "
         f"MiB at the end, {slope / MIB:+.2f} MiB per 100,000 requests, standard error {error / MIB:.2f}.\n"
     )
     (arguments.output / "SOAK.md").write_text(page, encoding="utf-8")
@@ -70,18 +70,18 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _slope(memory: list[int], requests: int) -> tuple[float, float]:
-    """Bytes per 100,000 requests, and the standard error. Neighbouring samples are alike: only blocks count."""
+    """Return bytes per 100,000 requests and the standard error, from blocks, since neighboring samples are alike."""
     values = np.array(memory, np.float64)
     position = np.linspace(0, requests / 100_000, len(values))
     line = np.polyfit(position, values, 1)
     residuals = np.array([block.mean() for block in np.array_split(values - np.polyval(line, position), BLOCKS)])
-    centres = np.array([block.mean() for block in np.array_split(position, BLOCKS)])
-    spread = np.sqrt((residuals**2).sum() / (BLOCKS - 2) / ((centres - centres.mean()) ** 2).sum())
+    centers = np.array([block.mean() for block in np.array_split(position, BLOCKS)])
+    spread = np.sqrt((residuals**2).sum() / (BLOCKS - 2) / ((centers - centers.mean()) ** 2).sum())
     return float(line[0]), max(float(spread), 1.0)
 
 
 async def _drive(url: str, pid: int, requests: int) -> tuple[list[int], Counter[int]]:
-    """Resident memory at SAMPLES moments, and how many answers had which status (0: the client left)."""
+    """Return resident memory at SAMPLES moments, and the number of answers by status (0: the client left)."""
     memory: list[int] = []
     statuses: Counter[int] = Counter()
     visitor = Visitor(url, warm_up=int(WARM_UP * requests))
@@ -101,7 +101,7 @@ async def _drive(url: str, pid: int, requests: int) -> tuple[list[int], Counter[
 
 
 class Visitor:
-    """Asks for one thing after another, by dice with fixed seeds. CLIENTS at a time of `warm_up` requests are alike."""
+    """Client that draws its requests from fixed seeds. The first `warm_up` requests are alike, CLIENTS at a time."""
 
     def __init__(self, url: str, warm_up: int) -> None:
         self._url, self._warm_up = url, warm_up
@@ -112,7 +112,7 @@ class Visitor:
         self._ids: deque[str] = deque(maxlen=500)
 
     async def ask(self, client: aiohttp.ClientSession, number: int) -> int:
-        """One request. Returns its status, 0 where the client left."""
+        """Send one request. Returns its status, 0 where the client left."""
         if number < CLIENTS or not self._ids:
             return await self._new_photo(client)
         if number < self._warm_up and number % CLIENTS:
@@ -150,7 +150,7 @@ class Visitor:
         return await self._send(client, "POST", "/objects", dump(Weights(SPEC, theta, "soak"), "safetensors"))
 
     async def _delete(self, client: aiohttp.ClientSession) -> int:
-        """Objects that a composed one names stay, with a 409; nobody asks for them again."""
+        """Delete an object. A 409 keeps one that a composed object names; it is not requested again."""
         name = self._objects.choice(self._ids)
         self._ids.remove(name)
         return await self._send(client, "DELETE", f"/objects/{name}")
@@ -162,7 +162,7 @@ class Visitor:
         return await self._send(client, "GET", f"/objects/{self._dice.getrandbits(128):032x}")
 
     async def _leave(self, client: aiohttp.ClientSession) -> int:
-        """Begin a large cloud, or a photo, and go."""
+        """Begin a large cloud or a photo, and disconnect."""
         try:
             async with asyncio.timeout(LEAVE_AFTER_S):
                 if self._dice.random() < 0.5:

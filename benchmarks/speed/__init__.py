@@ -1,1 +1,1 @@
-"""Points computed and served: how fast, beside other ways and the decoders of the paper."""
+"""Speed of computing and serving points, beside other ways to compute them and the paper's decoders."""

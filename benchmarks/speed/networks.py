@@ -44,20 +44,20 @@ class Network:
 
 
 def mapping_network(spec: MappingSpec, theta: Array) -> Network:
-    """f_theta^k as one network (paper, eq. 4)."""
+    """Return f_theta^k as one network (paper, eq. 4)."""
     once = layers(spec, theta)
     steps = [Layer(w, b, relu=index < len(once) - 1) for index, (w, b) in enumerate(once)]
     return Network(f"{spec.name}, k = {spec.k}", tuple(steps) * spec.k, spec.size)
 
 
 def deepsdf(seed: int = 0) -> Network:
-    """259-512-512-512-253, skip of the 259 inputs, 512-512-512-512-4: 1,578,241 parameters."""
+    """Return DeepSDF: 259-512-512-512-253, skip of the 259 inputs, 512-512-512-512-4; 1,578,241 parameters."""
     widths = [(259, 512), (512, 512), (512, 512), (512, 253), (512, 512), (512, 512), (512, 512), (512, 4)]
     return _folded("DeepSDF", widths, latent=256, entries={0: 3, 4: 256}, linear={7}, skip={4}, seed=seed)
 
 
 def foldingnet(seed: int = 0) -> Network:
-    """Two folds, 514-512-512-3 and 515-512-512-4: 1,056,775 parameters."""
+    """Return FoldingNet: two folds, 514-512-512-3 and 515-512-512-4; 1,056,775 parameters."""
     widths = [(514, 512), (512, 512), (512, 3), (515, 512), (512, 512), (512, 4)]
     return _folded("FoldingNet", widths, latent=512, entries={0: 2, 3: 3}, linear={2, 5}, skip=set(), seed=seed)
 
@@ -71,7 +71,7 @@ def _folded(
     skip: set[int],
     seed: int,
 ) -> Network:
-    """A decoder with random weights; `entries`: layer -> inputs that stay once the latent code is folded."""
+    """Return a decoder with random weights; `entries`: layer -> inputs that stay once the latent code is folded."""
     rng = np.random.default_rng(seed)
     code = rng.standard_normal(latent).astype(np.float32)
     steps, parameters = [], 0

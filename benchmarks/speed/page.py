@@ -20,15 +20,15 @@ class Report:
 
     rounds: int
     targets: list[Target] = field(default_factory=list)
-    made: dict[str, str | int] = field(default_factory=lambda: provenance(SEED))  # before any file is written
+    run: dict[str, str | int] = field(default_factory=lambda: provenance(SEED))  # before any file is written
     _sections: list[str] = field(default_factory=list)
 
     def sampler(self, name: str, times: dict[int, dict[str, Seconds]], tiles: dict[str, int]) -> None:
-        """Mpoints/s of every way at every n."""
+        """Add Mpoints/s of every way at every n."""
         ways = list(next(iter(times.values())))
         rows = [
             f"| {way} | {tiles.get(way, '')} | "
-            + " | ".join(f"{n / np.median(found[way]) / 1e6:.2f}" for n, found in times.items())
+            + " | ".join(f"{n / np.median(row[way]) / 1e6:.2f}" for n, row in times.items())
             + " |"
             for way in ways
         ]
@@ -36,7 +36,7 @@ class Report:
         self._sections.append(f"## {name}: Mpoints/s, one core\n\n{head}\n" + "\n".join(rows))
 
     def roofline(self, peak: float, fused_limit: float, rates: dict[str, float], flops: int) -> None:
-        """How much of the core's float32 peak each way of ours reaches."""
+        """Add each way's share of the core's float32 peak."""
         rows = "\n".join(
             f"| {name} | {rate / 1e6:.2f} | {rate * flops / 1e9:.0f} | {rate * flops / peak:.0%} | "
             f"{rate / fused_limit:.0%} |"
@@ -52,11 +52,11 @@ class Report:
         )
 
     def decoders(self, times: dict[int, dict[str, Seconds]], forms: dict[str, tuple[str, int]]) -> None:
-        """Milliseconds over n of HOF and of the decoders."""
+        """Add milliseconds over n of HOF and of the decoders."""
         best = "; ".join(f"{name} ({parameters:,} parameters): {form}" for name, (form, parameters) in forms.items())
         head = f"| network | {' | '.join(f'n = {n:,}' for n in times)} |\n|---|{'---|' * len(times)}"
         rows = [
-            f"| {name} | " + " | ".join(f"{1000 * np.median(found[name]):.2f}" for found in times.values()) + " |"
+            f"| {name} | " + " | ".join(f"{1000 * np.median(row[name]):.2f}" for row in times.values()) + " |"
             for name in next(iter(times.values()))
         ]
         self._sections.append(
@@ -67,7 +67,7 @@ class Report:
         )
 
     def serving(self, figures: Figures) -> None:
-        """What a client sees."""
+        """Add the figures that a client sees."""
         rate = STREAMED / float(np.median(figures.http_s)) / 1e6
         bare = STREAMED / float(np.median(figures.bare_s)) / 1e6
         first = "\n".join(f"| {name} | {1000 * took:.1f} |" for name, took in figures.first_byte_s.items())
@@ -81,11 +81,11 @@ class Report:
 
     def write(self, path: Path) -> None:
         """Write the page."""
-        made = self.made
+        run = self.run
         page = (
             "# Benchmarks\n\n"
-            f"Written by `make bench`. {made['machine']}; pinned to one core; {made['date']}, seed {made['seed']}, "
-            f"commit {made['commit']}. Medians of {self.rounds} rounds (decoders: at most 5), in which all ways run in "
+            f"Written by `make bench`. {run['machine']}; pinned to one core; {run['date']}, seed {run['seed']}, "
+            f"commit {run['commit']}. Medians of {self.rounds} rounds (decoders: at most 5), in which all ways run in "
             "turn; every time includes drawing the canonical points, by the same generator for all. "
             f"OPENBLAS_NUM_THREADS={os.environ.get('OPENBLAS_NUM_THREADS', 'unset')}.\n"
             "Many clients, overload and peers: [LOAD.md](LOAD.md). Memory over 200,000 requests: [SOAK.md](SOAK.md)."
@@ -96,7 +96,7 @@ class Report:
 
 
 def draw_runtime(times: dict[int, dict[str, Seconds]], output: Path) -> None:
-    """Time over n, both logarithmic, as the paper's runtime figure."""
+    """Plot time over n, both logarithmic, as in the paper's runtime figure."""
     import matplotlib as mpl
 
     mpl.use("Agg")
@@ -104,7 +104,7 @@ def draw_runtime(times: dict[int, dict[str, Seconds]], output: Path) -> None:
 
     figure, axes = plt.subplots(figsize=(7, 4.5))
     for name in next(iter(times.values())):
-        axes.plot(list(times), [1000 * np.median(found[name]) for found in times.values()], marker="o", label=name)
+        axes.plot(list(times), [1000 * np.median(row[name]) for row in times.values()], marker="o", label=name)
     axes.set(xscale="log", yscale="log", xlabel="points", ylabel="ms, one core")
     axes.grid(visible=True, alpha=0.3)
     axes.legend()

@@ -1,4 +1,4 @@
-"""Ways to evaluate a network on a CPU core, each in its best form that we know; all take a tile size.
+"""Ways to evaluate a network on a CPU core, each in the best form we know; all take a tile size.
 
 Every way is `make(network, tile) -> evaluate`, and `evaluate` maps (n, input) float32 to (n, output).
 """
@@ -20,12 +20,12 @@ Make = Callable[[Network, int], Evaluate]
 
 
 def naive(network: Network, tile: int) -> Evaluate:
-    """NumPy on whole arrays, as one writes it down; no tiles."""
+    """NumPy on whole arrays, without tiles."""
     return network.reference
 
 
 def numpy_tiles(network: Network, tile: int) -> Evaluate:
-    """NumPy as our sampler has it: tiles, reused buffers, biases folded in by a row of ones."""
+    """NumPy as in the service's sampler: tiles, reused buffers, biases folded in by a row of ones."""
     width = network.layers[0].w.shape[1]
     x = np.ones((width + 1, tile), np.float32)
     steps: list[tuple[Array, Array, Array, bool, Array | None]] = []
@@ -60,14 +60,14 @@ def numpy_tiles(network: Network, tile: int) -> Evaluate:
 
 
 def onnxruntime(network: Network, tile: int) -> Evaluate:
-    """onnxruntime, one thread, all graph optimisations."""
+    """onnxruntime, one thread, all graph optimizations."""
     options = ort.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     session = ort.InferenceSession(_onnx(network), options, providers=["CPUExecutionProvider"])
 
     def run(points: Array) -> Array:
-        found: Array = session.run(None, {"x": points})[0]
-        return found
+        result: Array = session.run(None, {"x": points})[0]
+        return result
 
     return _tiled(run, tile)
 
@@ -78,8 +78,8 @@ def torch_eager(network: Network, tile: int) -> Evaluate:
 
     @torch.inference_mode()
     def run(points: Array) -> Array:
-        found: Array = forward(torch.from_numpy(points)).numpy()
-        return found
+        result: Array = forward(torch.from_numpy(points)).numpy()
+        return result
 
     return _tiled(run, tile)
 
@@ -92,8 +92,8 @@ def torch_compiled(network: Network, tile: int) -> Evaluate:
 
     @torch.inference_mode()
     def run(points: Array) -> Array:
-        found: Array = forward(torch.from_numpy(points)).numpy()
-        return found
+        result: Array = forward(torch.from_numpy(points)).numpy()
+        return result
 
     return _tiled(_padded(run, tile), tile)
 
@@ -134,7 +134,7 @@ def _tiled(run: Evaluate, tile: int) -> Evaluate:
 
 
 def _padded(run: Evaluate, tile: int) -> Evaluate:
-    """For compilers: every call has `tile` points."""
+    """Pad the points so that every call has `tile` of them, for compilers."""
 
     def evaluate(points: Array) -> Array:
         if len(points) == tile:

@@ -36,7 +36,7 @@ WHOLE, FAST_WHOLE = "ours, NumPy, not folded", "ours, [fast], not folded"
 
 
 def main() -> int:
-    """Measure and write. `--quick` is for trying the program, not for figures."""
+    """Measure and write. `--quick` tries the program; its figures mean nothing."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--quick", action="store_true", help="few points, few ways: to see that it runs")
@@ -55,7 +55,7 @@ def main() -> int:
 
 
 def ours(spec: MappingSpec, *, fast: bool, folded: bool = True) -> Callable[[int], None]:
-    """Our sampler as users call it: n -> all points drawn, mapped and dropped."""
+    """Return the service's sampler as users call it: n -> all points drawn, mapped and dropped."""
     theta = initial_theta(spec)
     kernel = compiled.load() if fast else None
     begin = folding.FROM if folded else sys.maxsize
@@ -72,7 +72,7 @@ def ours(spec: MappingSpec, *, fast: bool, folded: bool = True) -> Callable[[int
 
 
 def rival(evaluate: Evaluate, width: int) -> Callable[[int], None]:
-    """A rival: the same canonical points in the same chunks, then its own evaluation."""
+    """Return a rival: the same canonical points in the same chunks, then its own evaluation."""
 
     def run(n: int) -> None:
         for start in range(0, n, CHUNK):
@@ -118,7 +118,7 @@ def _judge_sampler(report: Report, times: dict[str, Seconds]) -> None:
 
 
 def _roofline(report: Report, network: Network, times: dict[str, Seconds], n: int) -> None:
-    """Our ways beside the core's float32 peak, which runs in turn with them."""
+    """Compare the service's ways with the core's float32 peak, which runs in turn with them."""
     peak = 2 * SIDE**3 / float(np.median(times.pop(PEAK)))
     fused_limit = peak / 2 / (FUSED_OPS * len(network.layers[0].w))  # a fused multiply-add is two operations
     rates = {name: n / float(np.median(took)) for name, took in times.items()}
@@ -127,7 +127,7 @@ def _roofline(report: Report, network: Network, times: dict[str, Seconds], n: in
 
 
 def _square_product() -> Callable[[], None]:
-    """What shows the core's peak."""
+    """Return a matrix product that reaches the core's peak."""
     a = np.random.default_rng(0).random((SIDE, SIDE), np.float32)
     out = np.empty_like(a)
 
@@ -138,7 +138,7 @@ def _square_product() -> Callable[[], None]:
 
 
 def _decoder_table(report: Report, rounds: int, quick: bool, output: Path) -> None:
-    """The paper's runtime figure: time over n of HOF and of the decoders, each in its best form."""
+    """Measure the paper's runtime figure: time over n of HOF and of the decoders, each in its best form."""
     ways = {f"HOF-1, k = {k}": ours(HOF_1.with_k(k), fast=False) for k in (1, 2)}
     ways |= {f"HOF-1, k = {k}, [fast]": ours(HOF_1.with_k(k), fast=True) for k in (1, 2)}
     ways["HOF-3"] = ours(HOF_3, fast=False)
@@ -159,16 +159,16 @@ def _decoder_table(report: Report, rounds: int, quick: bool, output: Path) -> No
 
 
 def _best_form(network: Network, quick: bool) -> tuple[str, Evaluate]:
-    """The fastest of all ways to compute a decoder, with its best tile."""
+    """Return the fastest way to compute a decoder, with its best tile."""
     makes: dict[str, Make] = {"NumPy tiles": numpy_tiles, **RIVALS}
     if quick:
         makes = {"NumPy tiles": numpy_tiles}
     x = canonical_points("ball", 8192)[:, : network.layers[0].w.shape[1]].copy()
-    found = []
+    candidates = []
     for name, make in makes.items():
         tile, evaluate = best_tile(make, network, _tiles(quick))
-        found.append((min(seconds(lambda e=evaluate: e(x)) for _ in range(3)), f"{name}, {tile} points", evaluate))  # type: ignore[misc]
-    _, form, evaluate = min(found, key=lambda candidate: candidate[0])
+        candidates.append((min(seconds(lambda e=evaluate: e(x)) for _ in range(3)), f"{name}, {tile} points", evaluate))  # type: ignore[misc]
+    _, form, evaluate = min(candidates, key=lambda candidate: candidate[0])
     return form, evaluate
 
 

@@ -1,4 +1,4 @@
-"""The points of a running service: how fast, how soon, in how much memory. Over loopback, a real process."""
+"""Points of a running service, a real process over loopback: rate, time to the first byte, memory."""
 
 import os
 import time
@@ -25,7 +25,7 @@ MIB: Final = 2**20
 
 @dataclass(frozen=True)
 class Figures:
-    """What `measure` found.
+    """Figures of a running service.
 
     bare_s, http_s : seconds for STREAMED points by the sampler in this process and as PLY over HTTP, (rounds,).
     first_byte_s : format -> median seconds until the first byte of STREAMED points (JSON: 100,000).

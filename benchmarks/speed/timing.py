@@ -1,4 +1,4 @@
-"""How things are timed: on one core, in turn, medians of rounds; the same search of tile sizes for all."""
+"""Timing: on one core, in turn, medians of rounds, with the same search of tile sizes for all."""
 
 import os
 import time
@@ -20,7 +20,7 @@ Seconds = npt.NDArray[np.float64]
 
 
 def pin() -> int:
-    """Keep this process on one core, the first it may use; returns it."""
+    """Keep this process on one core, the first that it may use, and return it."""
     core = min(os.sched_getaffinity(0))
     os.sched_setaffinity(0, {core})
     return core
@@ -42,12 +42,12 @@ def in_turn(runs: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, 
 
 
 def ratio(slow: Seconds, fast: Seconds) -> float:
-    """Median over the rounds of how many times faster the second is."""
+    """Return how many times faster the second run is: the median over the rounds."""
     return float(np.median(slow / fast))
 
 
 def best_tile(make: Make, network: Network, tiles: tuple[int, ...] = TILES) -> tuple[int, Evaluate]:
-    """The tile size at which a way is fastest, and the way with it; its values are checked first.
+    """Return the tile size at which a way is fastest, and the way with it. Checks its values first.
 
     Raises
     ------

@@ -17,7 +17,7 @@ RUN_TIMEOUT_S = 600
 WAYS = {"NumPy tiles": numpy_tiles} | {name: RIVALS[name] for name in ("naive NumPy", "onnxruntime", "torch eager")}
 
 
-def test_decoders_have_the_papers_parameters() -> None:
+def test_decoders_count_the_papers_parameters() -> None:
     assert deepsdf().parameters == 1_578_241
     assert foldingnet().parameters == 1_056_775
     assert mapping_network(HOF_1, initial_theta(HOF_1)).parameters == 7_171
@@ -25,19 +25,19 @@ def test_decoders_have_the_papers_parameters() -> None:
 
 @pytest.mark.parametrize("make", WAYS.values(), ids=WAYS)
 @pytest.mark.parametrize("network", [deepsdf(), foldingnet(), mapping_network(HOF_3.with_k(2), initial_theta(HOF_3))])
-def test_every_way_computes_the_same(make: Make, network: Network) -> None:
+def test_way_of_computing_equals_the_reference(make: Make, network: Network) -> None:
     x = np.random.default_rng(0).random((300, network.layers[0].w.shape[1]), np.float32)
     expected = network.reference(x)
     np.testing.assert_allclose(make(network, 128)(x), expected, atol=1e-5 * np.abs(expected).max())
 
 
-def test_the_network_of_a_mapping_is_its_power() -> None:
+def test_mapping_network_equals_the_power_of_the_mapping() -> None:
     spec = HOF_1.with_k(2)
     theta, x = initial_theta(spec), np.random.default_rng(0).random((10, 3), np.float32)
     np.testing.assert_allclose(mapping_network(spec, theta).reference(x), power(spec, theta, x), atol=1e-6)
 
 
-def test_the_benchmark_writes_its_tables(tmp_path: Path) -> None:
+def test_speed_run_quick_writes_its_tables(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "benchmarks.speed.run", "--quick", "--rounds", "1", "-o", str(tmp_path)]
     run = subprocess.run(
         command,
@@ -56,7 +56,7 @@ def test_the_benchmark_writes_its_tables(tmp_path: Path) -> None:
     assert (tmp_path / "runtime.png").stat().st_size > 10_000
 
 
-def test_the_load_writes_its_tables(tmp_path: Path) -> None:
+def test_load_run_quick_writes_its_tables(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "benchmarks.load.run", "--quick", "-o", str(tmp_path)]
     run = subprocess.run(command, capture_output=True, text=True, timeout=RUN_TIMEOUT_S, check=False, cwd=ROOT)
     assert (run.returncode, run.stderr) == (0, "")
@@ -72,7 +72,7 @@ def test_the_load_writes_its_tables(tmp_path: Path) -> None:
         assert row in text
 
 
-def test_the_soak_writes_its_page(tmp_path: Path) -> None:
+def test_soak_of_few_requests_writes_its_page(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "benchmarks.load.soak", "--requests", "200", "-o", str(tmp_path)]
     run = subprocess.run(command, capture_output=True, text=True, timeout=RUN_TIMEOUT_S, check=False, cwd=ROOT)
     assert (run.returncode, run.stderr) == (0, "")

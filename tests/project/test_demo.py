@@ -24,7 +24,7 @@ def _demo(model: Path, out: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_demo_writes_points_and_a_picture(model_path: Path, tmp_path: Path) -> None:
+def test_demo_with_a_model_writes_points_and_a_picture(model_path: Path, tmp_path: Path) -> None:
     run = _demo(model_path, tmp_path / "out")
     assert run.returncode == 0, run.stderr
     photos = {path.stem for path in (ROOT / "demo").iterdir() if path.suffix in (".png", ".jpg")} - {"demo"}
@@ -39,19 +39,19 @@ def test_demo_writes_points_and_a_picture(model_path: Path, tmp_path: Path) -> N
     assert points.histogram()[255] < 480 * 480 - 100  # the object's half is not blank
 
 
-def test_demo_draws_what_is_in_colour_in_its_colours(model_path: Path, colored_path: Path, tmp_path: Path) -> None:
+def test_demo_with_colors_draws_them(model_path: Path, colored_path: Path, tmp_path: Path) -> None:
     pictures = {}
     for name, model in (("plain", model_path), ("colored", colored_path)):
         assert _demo(model, tmp_path / name).returncode == 0
         with Image.open(tmp_path / name / "demo.png") as picture:
             points = np.asarray(picture.convert("RGB"))[:480, 480:]
-        pictures[name] = bool((points[..., 0] > points[..., 2]).any())  # shades without colour are bluish
+        pictures[name] = bool((points[..., 0] > points[..., 2]).any())  # shades without color are bluish
     assert pictures == {"plain": False, "colored": True}
     cloud = trimesh.load(tmp_path / "colored" / "coffee.ply", process=False)
     assert len(np.unique(cloud.colors, axis=0)) > 10
 
 
-def test_demo_that_fails_says_so(tmp_path: Path) -> None:
+def test_demo_without_its_model_fails_with_one_line(tmp_path: Path) -> None:
     run = _demo(tmp_path / "none.onnx", tmp_path / "out")
     assert run.returncode == 1
     assert "none.onnx" in run.stderr

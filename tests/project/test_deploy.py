@@ -1,4 +1,4 @@
-"""The manifests of deploy/ fit the service: its settings, probes, paths, bounds and image. No cluster is needed."""
+"""The manifests of deploy/ fit the service: settings, probes, paths, bounds and image. No cluster is needed."""
 
 import json
 import re
@@ -32,34 +32,34 @@ def _mib(quantity: str) -> float:
     return float(quantity[:-2]) * units[quantity[-2:]]
 
 
-def test_every_file_is_applied_or_an_example() -> None:
+def test_manifest_is_applied_or_an_example() -> None:
     applied = MANIFESTS["kustomization.yaml"]["resources"]
     assert {*applied, "kustomization.yaml", "ingress.yaml"} == set(MANIFESTS)
     assert all(manifest["apiVersion"] and manifest["kind"] for manifest in MANIFESTS.values())
 
 
-def test_the_image_is_of_this_version() -> None:
+def test_image_tag_is_the_version() -> None:
     (image,) = MANIFESTS["kustomization.yaml"]["images"]
     assert (image["name"], image["newTag"]) == (CONTAINER["image"], __version__)
     assert f"docker build -t {image['newName']}:{__version__} ." in README
 
 
-def test_variables_are_settings() -> None:
+def test_variables_of_the_container_are_settings() -> None:
     names = {variable["name"] for variable in CONTAINER["env"]}
-    told = {name for path in DEPLOY.iterdir() for name in re.findall(r"HOF_[A-Z_]+", path.read_text("utf-8"))}
-    assert names | told <= {f"HOF_{name.upper()}" for name in Settings.model_fields}
+    mentioned = {name for path in DEPLOY.iterdir() for name in re.findall(r"HOF_[A-Z_]+", path.read_text("utf-8"))}
+    assert names | mentioned <= {f"HOF_{name.upper()}" for name in Settings.model_fields}
     assert {"HOF_DATABASE_URL", "HOF_API_KEYS_FILE"} <= names
 
 
-def test_kubernetes_sets_no_setting_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
-    """For each Service it sets NAME_PORT in every pod, unless it is told not to."""
+def test_pod_with_service_links_off_gets_no_setting(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Kubernetes sets NAME_PORT in every pod for each Service, unless the pod turns that off."""
     monkeypatch.setenv(f"{MANIFESTS['service.yaml']['metadata']['name'].upper()}_PORT", "tcp://10.0.0.1:80")
     with pytest.raises(ValueError, match="port"):
         Settings()
     assert POD["spec"]["enableServiceLinks"] is False
 
 
-def test_secrets_are_where_the_service_looks() -> None:
+def test_secrets_are_mounted_where_the_service_reads_them() -> None:
     env = {variable["name"]: variable for variable in CONTAINER["env"]}
     mounts = {mount["name"]: mount["mountPath"] for mount in CONTAINER["volumeMounts"]}
     volumes = {volume["name"]: volume for volume in POD["spec"]["volumes"]}
@@ -72,7 +72,7 @@ def test_secrets_are_where_the_service_looks() -> None:
     assert command in README
 
 
-def test_probes_and_figures_are_paths_of_the_api() -> None:
+def test_probes_and_metrics_are_paths_of_the_api() -> None:
     paths = json.loads((ROOT / "openapi.json").read_text("utf-8"))["paths"]
     probes = {kind: CONTAINER[f"{kind}Probe"]["httpGet"] for kind in ("startup", "liveness", "readiness")}
     assert {kind: probe["path"] for kind, probe in probes.items()} == {
@@ -80,21 +80,21 @@ def test_probes_and_figures_are_paths_of_the_api() -> None:
         "liveness": "/health/live",
         "readiness": "/health/ready",
     }
-    asked = {probe["path"] for probe in probes.values()} | {POD["metadata"]["annotations"]["prometheus.io/path"]}
-    assert asked <= set(paths)
+    called = {probe["path"] for probe in probes.values()} | {POD["metadata"]["annotations"]["prometheus.io/path"]}
+    assert called <= set(paths)
 
 
-def test_the_port_is_the_images() -> None:
+def test_port_is_that_of_the_image() -> None:
     (exposed,) = re.findall(r"^EXPOSE (\d+)", DOCKERFILE, re.MULTILINE)
     (port,) = CONTAINER["ports"]
     (allowed,) = MANIFESTS["network.yaml"]["spec"]["ingress"][0]["ports"]
-    told = POD["metadata"]["annotations"]["prometheus.io/port"]
-    assert [port["containerPort"], allowed["port"], int(told)] == [int(exposed)] * 3 == [_default("port")] * 3
+    scraped = POD["metadata"]["annotations"]["prometheus.io/port"]
+    assert [port["containerPort"], allowed["port"], int(scraped)] == [int(exposed)] * 3 == [_default("port")] * 3
     named = [CONTAINER[f"{kind}Probe"]["httpGet"]["port"] for kind in ("startup", "liveness", "readiness")]
     assert {*named, MANIFESTS["service.yaml"]["spec"]["ports"][0]["targetPort"]} == {port["name"]}
 
 
-def test_the_user_is_the_images_and_may_do_little() -> None:
+def test_user_is_that_of_the_image_without_privileges() -> None:
     (user,) = re.findall(r"^USER (\d+)", DOCKERFILE, re.MULTILINE)
     pod, container = POD["spec"]["securityContext"], CONTAINER["securityContext"]
     assert (pod["runAsUser"], pod["runAsNonRoot"]) == (int(user), True)
@@ -104,12 +104,12 @@ def test_the_user_is_the_images_and_may_do_little() -> None:
     assert POD["spec"]["automountServiceAccountToken"] is False
 
 
-def test_a_stop_is_given_its_time() -> None:
+def test_grace_period_exceeds_drain_and_shutdown() -> None:
     assert POD["spec"]["terminationGracePeriodSeconds"] > _default("drain_s") + _default("shutdown_s")
 
 
-def test_memory_holds_what_the_service_lets_in() -> None:
-    """MiB: idle, as in benchmarks/RESULTS.md, matting, uploads, and for each thread a photo, three times in RGBA."""
+def test_memory_limits_exceed_what_the_service_admits() -> None:
+    """Sum in MiB: idle (benchmarks/RESULTS.md), matting, uploads, and three RGBA copies of a photo for each thread."""
     idle = re.search(r"Resident memory: (\d+) MiB idle", (ROOT / "benchmarks" / "RESULTS.md").read_text("utf-8"))
     assert idle
     limits, requests = CONTAINER["resources"]["limits"], CONTAINER["resources"]["requests"]
@@ -118,7 +118,7 @@ def test_memory_holds_what_the_service_lets_in() -> None:
     assert _mib(requests["memory"]) > int(idle[1]) + 275
 
 
-def test_selectors_find_the_pods() -> None:
+def test_selectors_match_the_pods() -> None:
     assert POD["metadata"]["labels"] == LABELS
     assert MANIFESTS["service.yaml"]["spec"]["selector"] == LABELS
     assert MANIFESTS["network.yaml"]["spec"]["podSelector"]["matchLabels"] == LABELS
@@ -128,7 +128,7 @@ def test_selectors_find_the_pods() -> None:
     assert (target["kind"], target["name"]) == ("Deployment", MANIFESTS["deployment.yaml"]["metadata"]["name"])
 
 
-def test_the_ingress_has_all_that_clients_call_and_nothing_else() -> None:
+def test_ingress_has_the_paths_of_clients_alone() -> None:
     (rule,) = MANIFESTS["ingress.yaml"]["spec"]["rules"]
     paths = {path["path"] for path in rule["http"]["paths"]}
     called = json.loads((ROOT / "openapi.json").read_text("utf-8"))["paths"]

@@ -1,4 +1,4 @@
-"""The service runs with what it declares to require and nothing else: no torch. The layers: lint-imports."""
+"""The service runs with its declared requirements alone, without torch. Layers are checked by lint-imports."""
 
 import re
 import subprocess

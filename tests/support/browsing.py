@@ -62,7 +62,7 @@ def page(browser: Browser, address: str) -> Iterator[Page]:
 
 
 def opened(page: Page, address: str) -> Page:
-    """The page, once it shows its first object."""
+    """Open the page and wait until it shows its first object."""
     page.set_default_timeout(TIMEOUT_MS)
     expect.set_options(timeout=TIMEOUT_MS)
     page.goto(f"{address}/")
@@ -71,42 +71,42 @@ def opened(page: Page, address: str) -> Page:
 
 
 def photo(name: str) -> Path:
-    """A photo of the demo."""
+    """Return the path of a photo of the demo."""
     return ROOT / "demo" / f"{name}.png"
 
 
 def pixels(page: Page) -> np.ndarray[tuple[int, ...], np.dtype[np.int16]]:
-    """What the stage shows, once it is drawn: (height, width, 3)."""
+    """Return the picture on the stage, once it is drawn: (height, width, 3)."""
     page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
     image = Image.open(io.BytesIO(page.locator("#stage canvas").screenshot()))
     return np.asarray(image.convert("RGB")).astype(np.int16)
 
 
 def inked(page: Page) -> int:
-    """How many pixels of the stage are points."""
+    """Return the number of pixels of the stage that show points."""
     return int((255 - pixels(page).min(axis=2) > INK).sum())
 
 
 def warm(page: Page) -> int:
-    """How many pixels of the stage have clearly more red than blue, which no shade has."""
+    """Return the number of pixels of the stage with clearly more red than blue, which no shade has."""
     shown = pixels(page)
     return int((shown[..., 0] - shown[..., 2] > INK).sum())
 
 
 def curl_line(page: Page, of: str) -> str:
-    """The line that the page shows under an action."""
+    """Return the curl line that the page shows under an action."""
     return page.locator(f'.curl[data-of="{of}"] code').inner_text()
 
 
 def run(line: str, folder: Path) -> bytes:
-    """What a shell prints of a line."""
+    """Run a line in a shell and return its output."""
     bash = shutil.which("bash")
     assert bash
     return subprocess.run([bash, "-c", f"{line} -sS"], cwd=folder, capture_output=True, timeout=60, check=True).stdout
 
 
 def saved(page: Page, of: str, folder: Path) -> bytes:
-    """The file that a curl line of the page writes."""
+    """Run a curl line of the page and return the file that it writes."""
     run(curl_line(page, of), folder)
     (fetched,) = folder.iterdir()
     return fetched.read_bytes()

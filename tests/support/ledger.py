@@ -1,4 +1,4 @@
-"""A server under write load is killed or stopped, and what it acknowledged is looked for in its database."""
+"""Kill or stop a server under write load, and look in its database for all that it acknowledged."""
 
 import itertools
 import signal

@@ -1,4 +1,4 @@
-"""Damaged images without end, each told by its number: small files of every sort, mutated one to three times.
+"""Damaged images without end, each with a number: small files of every sort, mutated one to three times.
 
 Bits flip, runs of bytes are overwritten or lost, files break off; chunks and segments are repeated, swapped or left
 out, their lengths lie, and two files are joined. Half of the PNGs get true checksums again, or none would be decoded.
@@ -25,12 +25,12 @@ Mutation = Callable[[random.Random, bytes], bytes]
 
 
 def mutant(number: int) -> bytes:
-    """The damaged image of a number."""
+    """Return the damaged image with a number."""
     return mutated(random.Random(number))
 
 
 def mutated(dice: random.Random) -> bytes:
-    """A damaged image by dice."""
+    """Return a damaged image, drawn by dice."""
     data = dice.choice(seeds())
     for _ in range(dice.randint(1, 3)):
         data = dice.choice(MUTATIONS)(dice, data)
@@ -39,13 +39,13 @@ def mutated(dice: random.Random) -> bytes:
 
 @cache
 def seeds() -> tuple[bytes, ...]:
-    """Sound files of every sort that the service reads, some hundred bytes each."""
+    """Return sound files of every sort that the service reads, some hundred bytes each."""
     image = Image.new("RGB", (WIDTH, HEIGHT), "white")
     ImageDraw.Draw(image).ellipse((10, 5, 45, 35), fill="navy", outline="red")
     clear = image.convert("RGBA")
     clear.putalpha(image.convert("L").point(lambda level: 255 - level))
     palette, other = image.quantize(16), image.transpose(Image.Transpose.ROTATE_180)
-    grey16 = Image.fromarray((np.asarray(image.convert("L"), np.uint16) * 257).astype(np.uint16))
+    gray16 = Image.fromarray((np.asarray(image.convert("L"), np.uint16) * 257).astype(np.uint16))
     turned = Image.Exif()
     turned[0x0112] = 6
     png = [
@@ -54,7 +54,7 @@ def seeds() -> tuple[bytes, ...]:
         _file(palette, "PNG", transparency=0),
         _file(image.convert("1"), "PNG"),
         _file(image.convert("LA"), "PNG"),
-        _file(grey16, "PNG"),
+        _file(gray16, "PNG"),
         _file(image, "PNG", exif=turned),
         _file(image, "PNG", save_all=True, append_images=[other]),
         _interlaced(image),
@@ -83,7 +83,7 @@ def _file(image: Image.Image, kind: str, **options: object) -> bytes:
 
 
 def _interlaced(image: Image.Image) -> bytes:
-    """A PNG in Adam7's seven passes, which Pillow reads and does not write."""
+    """Return a PNG in Adam7's seven passes, which Pillow reads but does not write."""
     pixels = np.asarray(image)
     passes = (pixels[y::down, x::right] for x, y, right, down in ADAM7)
     rows = b"".join(b"\0" + row.tobytes() for part in passes for row in part)
@@ -96,7 +96,7 @@ def _chunk(kind: bytes, data: bytes) -> bytes:
 
 
 def _starts(data: bytes) -> list[int]:
-    """Where a file's chunks or segments begin, as far as they hang together, and where the last one ends."""
+    """Return the offsets of a file's chunks or segments, as far as they are in order, and the end of the last one."""
     if data.startswith(b"\xff\xd8"):
         return [
             0,
@@ -118,7 +118,7 @@ def _chunks(data: bytes) -> Iterator[bytes]:
 
 
 def _with_checksums(data: bytes) -> bytes:
-    """A PNG whose chunks have the checksums of what they hold; other files as they are."""
+    """Correct the checksums of a PNG's chunks; return other files unchanged."""
     if not data.startswith(PNG):
         return data
     first, *chunks = _chunks(data)
@@ -163,7 +163,7 @@ def _shuffle(dice: random.Random, data: bytes) -> bytes:
 
 
 def _lie(dice: random.Random, data: bytes) -> bytes:
-    """Put an odd number where a chunk's length stands, or one of its first fields, the sides of the image say."""
+    """Overwrite a chunk's length, or one of its first fields such as the image's sides, with an odd number."""
     at = dice.choice(_starts(data)) + dice.choice((0, 2, 4, 8, 12, 16))
     size, order = dice.choice((2, 4)), dice.choice((">", "<"))
     number = struct.pack(f"{order}Q", dice.choice(ODD))
@@ -171,7 +171,7 @@ def _lie(dice: random.Random, data: bytes) -> bytes:
 
 
 def _splice(dice: random.Random, data: bytes) -> bytes:
-    """The beginning of this file and the end of another, at their chunks or anywhere."""
+    """Join the beginning of this file and the end of another, at chunks or anywhere."""
     other = dice.choice(seeds())
     if dice.random() < 0.5:
         return data[: dice.choice(_starts(data)[1:])] + other[dice.choice(_starts(other)) :]

@@ -30,20 +30,20 @@ class Postgres:
         self._names = (f"hof_{number}" for number in count(1))
 
     def create(self) -> str:
-        """The URL of a new database."""
+        """Create a database and return its URL."""
         name = next(self._names)
         self.run(f"CREATE DATABASE {name}", "postgres")
         return f"postgresql://{USER}@127.0.0.1:{self._port}/{name}"
 
     def run(self, sql: str, database: str) -> str:
-        """What psql prints."""
+        """Run SQL and return the output of psql."""
         connection = ["-h", "127.0.0.1", "-p", str(self._port), "-U", USER, "-d", database]
         command = [_tool("psql"), *connection, "-X", "-q", "-A", "-t", "-v", "ON_ERROR_STOP=1", "-c", sql]
         return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
 
     @contextmanager
     def bouncer(self, url: str) -> Iterator[str]:
-        """The same database through PgBouncer, which hands its two connections out by transaction."""
+        """Run PgBouncer, with two connections shared by transaction; the URL of the same database through it."""
         port = free_port()
         path = self._folder / f"bouncer-{port}.ini"
         path.write_text(
@@ -60,7 +60,7 @@ class Postgres:
 
 @contextmanager
 def running_postgres() -> Iterator[Postgres]:
-    """The server, until the block ends. Nothing of it outlives a crash of the machine, which makes it quick."""
+    """Run the server until the block ends. It is quick because it writes nothing safe from a crash of the machine."""
     with tempfile.TemporaryDirectory(prefix="hof-postgres-") as name:
         folder, port = Path(name), free_port()
         if os.geteuid() == 0:
@@ -83,15 +83,15 @@ def _unprivileged() -> list[str]:
 
 
 def _tool(name: str) -> str:
-    """A program on the path, or of the newest PostgreSQL where Debian puts it."""
+    """Return a program on the path, or of the newest PostgreSQL where Debian puts it."""
     folders = sorted(Path("/usr/lib/postgresql").glob("*/bin"), key=lambda folder: int(folder.parent.name))
-    found = shutil.which(name, path=os.pathsep.join([*map(str, reversed(folders)), os.environ["PATH"], "/usr/sbin"]))
-    assert found, f"the tests need {name}: tests/support/system.sh installs it"
-    return found
+    path = shutil.which(name, path=os.pathsep.join([*map(str, reversed(folders)), os.environ["PATH"], "/usr/sbin"]))
+    assert path, f"the tests need {name}: tests/support/system.sh installs it"
+    return path
 
 
 def _wait_for(port: int, process: subprocess.Popen[bytes]) -> None:
-    """Until somebody answers at the port."""
+    """Wait until the port accepts a connection."""
     deadline = time.monotonic() + START_TIMEOUT_S
     while time.monotonic() < deadline:
         assert process.poll() is None, f"{process.args!r} ended"

@@ -1,4 +1,4 @@
-"""A server byte for byte, past what a client of HTTP would send."""
+"""Connections to a server byte by byte, for requests that no HTTP client would send."""
 
 import socket
 from http.client import HTTPResponse
@@ -12,12 +12,12 @@ def connect(server: Server) -> socket.socket:
 
 
 def rest(connection: socket.socket) -> bytes:
-    """All that the server sends until it closes."""
+    """Return all bytes that the server sends until it closes."""
     return b"".join(iter(lambda: connection.recv(65_536), b""))
 
 
 def next_status(connection: socket.socket) -> int:
-    """That of the next answer, which is read to its end: head and body may come apart."""
+    """Read the next answer to its end, which may come in parts, and return its status."""
     answer = HTTPResponse(connection)
     answer.begin()
     answer.read()

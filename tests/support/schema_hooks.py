@@ -1,6 +1,6 @@
-"""For Schemathesis: of valid requests what a JSON schema cannot tell, and no answers that would only be long.
+"""Hooks for Schemathesis: constraints of valid requests that a JSON schema cannot express, and short answers.
 
-It is asked before each request. Those that are meant to be invalid go out as they are.
+They run before each request. Requests that are meant to be invalid stay as they are.
 """
 
 import json
@@ -21,7 +21,7 @@ MOST_OFFSET = 2**31  # a Sobol sequence ends at 2^32
 
 @schemathesis.hook
 def before_call(context: schemathesis.HookContext, case: schemathesis.Case[Any], kwargs: dict[str, Any]) -> None:
-    """Make a request that is meant to be valid a valid one."""
+    """Correct a request that is meant to be valid."""
     if case.meta is None or not case.meta.generation.mode.is_positive:
         return
     query = case.query
@@ -40,7 +40,7 @@ def before_call(context: schemathesis.HookContext, case: schemathesis.Case[Any],
 
 
 def _word(url: str) -> list[str]:
-    """Two stored objects, none of them composed; none where there are not so many."""
+    """Return the ids of two stored objects that are not composed; none if there are fewer."""
     items = httpx.get(url + "objects", params={"limit": 500}).json()["items"]
     ids = [item["id"] for item in items if item["kind"] != "composed"]
     return ids[:2] if len(ids) > 1 else []

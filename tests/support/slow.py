@@ -1,4 +1,4 @@
-"""A slow network, photos that it is slow for, and waiting for what it does."""
+"""Photos that slow the tiny network down, and waiting for other threads."""
 
 import time
 from collections.abc import Callable
@@ -14,12 +14,12 @@ PATH = "/encode?background=keep"
 
 
 def plain(red: int, green: int = 0, blue: int = 255) -> bytes:
-    """A photo of one colour. Black slows the model of this file's tests down, white does not; no blue breaks it."""
+    """Return a photo of one color. For `slow_model` black is slow, white is not, and a photo without blue fails."""
     return image_file(Image.new("RGB", (32, 32), (red, green, blue)))
 
 
 def until(condition: Callable[[], bool]) -> None:
-    """Wait for what other threads bring about."""
+    """Wait until a condition holds that other threads bring about."""
     deadline = time.monotonic() + DEADLINE_S
     while not condition():
         assert time.monotonic() < deadline

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # What the tests need beyond Python: Node for the Khronos glTF validator and for npm's packages, Chromium for the page,
 # OpenGL without a screen for the renderer and for MeshLab, curl for the README's lines, PostgreSQL and PgBouncer for
-# the store. Installs Debian's packages where it may; else names what is missing.
+# the store. Installs Debian's packages where the user is root; else names the command that does.
 set -euo pipefail
 
 missing=()
@@ -25,12 +25,12 @@ PAIRS
 fi
 [ ${#missing[@]} -eq 0 ] && exit 0
 
-sudo=()
-[ "$(id -u)" = 0 ] || sudo=(sudo -n)
-if ! command -v apt-get >/dev/null || ! "${sudo[@]}" true 2>/dev/null; then
-    echo "the tests need what these Debian packages hold; install them, then run again: ${missing[*]}" >&2
+install="apt-get install -y --no-install-recommends ${missing[*]}"
+if [ "$(id -u)" != 0 ] || ! command -v apt-get >/dev/null; then
+    echo "the tests need programs that are missing here; as root run: $install" >&2
+    command -v apt-get >/dev/null || echo "(the names are Debian's; install what holds the same on this system)" >&2
     exit 1
 fi
 export DEBIAN_FRONTEND=noninteractive
-"${sudo[@]}" apt-get update -qq
-"${sudo[@]}" apt-get install -y -qq --no-install-recommends "${missing[@]}"
+apt-get update -qq
+$install -qq

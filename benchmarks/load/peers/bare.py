@@ -1,4 +1,4 @@
-"""What one would write in an hour: FastAPI, onnxruntime on a worker thread, the same framing and store."""
+"""A minimal server: FastAPI, onnxruntime on a worker thread, the same framing and store."""
 
 import asyncio
 import os
@@ -31,13 +31,13 @@ app = FastAPI(lifespan=lifespan)
 
 @app.get("/health/ready")
 async def ready() -> dict[str, str]:
-    """It is up."""
+    """Answer that the server is up."""
     return {"status": "ready"}
 
 
 @app.post("/encode", status_code=201)
 async def encode(request: Request) -> dict[str, Any]:
-    """Photo -> stored theta."""
+    """Server that turns a photo into a stored theta."""
     image = await request.body()
     loop = asyncio.get_running_loop()
     work: Work = app.state.work

@@ -14,7 +14,7 @@ from service.storage.store import Store
 
 @bentoml.service(workers=1, traffic={"timeout": 60}, logging={"access": {"enabled": False}})
 class Peer:
-    """Photo -> stored theta."""
+    """Server that turns a photo into a stored theta."""
 
     def __init__(self) -> None:
         self._work = Work()
@@ -23,7 +23,7 @@ class Peer:
 
     @bentoml.api(route="/encode")  # type: ignore[untyped-decorator]
     async def encode(self, image: Annotated[bytes, ContentType("image/jpeg")], /) -> dict[str, Any]:
-        """The framework calls it with the raw body."""
+        """Encode the raw body and store the object."""
         if self._store is None:
             self._store = await Store.open(os.environ["HOF_DATABASE_URL"])
         loop = asyncio.get_running_loop()

@@ -14,7 +14,7 @@ from service.storage.store import Store
 
 
 class Api(litserve.LitAPI):  # type: ignore[misc]
-    """Photo -> stored theta."""
+    """Server that turns a photo into a stored theta."""
 
     def setup(self, device: str) -> None:
         """Load the model, open the store."""
@@ -23,28 +23,28 @@ class Api(litserve.LitAPI):  # type: ignore[misc]
         self._store = self._loop.run_until_complete(Store.open(os.environ["HOF_DATABASE_URL"]))
 
     def decode_request(self, request: Annotated[bytes, Body()]) -> bytes:
-        """The photo's bytes."""
+        """Return the photo's bytes."""
         return request
 
     def batch(self, inputs: list[bytes]) -> list[bytes]:
-        """As they are."""
+        """Return the list unchanged."""
         return list(inputs)
 
     def predict(self, inputs: list[bytes]) -> list[dict[str, Any]]:
-        """One call of the encoder for all."""
-        made = self._work.encode_all(inputs)
-        self._loop.run_until_complete(self._put(made))
-        return [answer for _, _, answer in made]
+        """Encode all photos in one call and store the objects."""
+        objects = self._work.encode_all(inputs)
+        self._loop.run_until_complete(self._put(objects))
+        return [answer for _, _, answer in objects]
 
-    async def _put(self, made: list[Any]) -> None:
-        await asyncio.gather(*(self._store.put(record, functions) for record, functions, _ in made))
+    async def _put(self, objects: list[Any]) -> None:
+        await asyncio.gather(*(self._store.put(record, functions) for record, functions, _ in objects))
 
     def unbatch(self, output: list[dict[str, Any]]) -> list[dict[str, Any]]:
-        """As they are."""
+        """Return the list unchanged."""
         return output
 
     def encode_response(self, output: dict[str, Any]) -> dict[str, Any]:
-        """JSON."""
+        """Return the answer, which is JSON already."""
         return output
 
 

@@ -12,7 +12,7 @@ import trimesh
 from service.formats.points.registry import POINT_FORMATS
 from service.formats.points.writer import write
 from service.mapping.canonical import canonical_points
-from tests.support.small.clouds import COLORED, FORMATS, TWO, Given, colored, colors_of, file_of
+from tests.support.small.clouds import COLORED, FORMATS, TWO, ArrayCloud, colored, colors_of, file_of
 
 
 def test_colored_ply_bytes() -> None:
@@ -47,7 +47,7 @@ def test_colored_json_bytes(chunk: int) -> None:
 def test_colored_gltf_holds_linear_light(name: str) -> None:
     levels = np.arange(256, dtype=np.uint8).repeat(3).reshape(-1, 3)
     points = canonical_points("ball", 256)
-    data = b"".join(write(colored(name), Given(points, levels)))
+    data = b"".join(write(colored(name), ArrayCloud(points, levels)))
     if name == "glb":
         (size,) = struct.unpack_from("<I", data, 12)
         document, binary = json.loads(data[20 : 20 + size]), data[28 + size :]

@@ -16,7 +16,7 @@ from service.formats.mesh.registry import MESH_FORMATS
 from service.formats.weights import load
 from service.mapping.spec import apply, compose, word_of
 from service.mapping.surface import shells
-from tests.support.colored_objects import check_none_leaves_colour_out, encoded, file_of
+from tests.support.colored_objects import check_none_leaves_color_out, encoded, file_of
 from tests.support.gltf import check_valid
 
 RESOLUTION = 16
@@ -82,7 +82,7 @@ def test_color_none_gives_the_file_of_a_model_without_colour(
     client: httpx.Client, colored: httpx.Client, name: str
 ) -> None:
     holds_color = MESH_FORMATS[name].holds_color
-    check_none_leaves_colour_out(client, colored, "mesh", holds_color, format=name, resolution=RESOLUTION)
+    check_none_leaves_color_out(client, colored, "mesh", holds_color, format=name, resolution=RESOLUTION)
 
 
 def test_colour_is_part_of_the_etag(colored: httpx.Client) -> None:

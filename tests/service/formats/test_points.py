@@ -17,7 +17,7 @@ from service.mapping.canonical import canonical_points
 from service.mapping.cloud import Part, bounds
 from service.mapping.spec import Array
 from tests.support.gltf import check_valid, gltf_report
-from tests.support.small.clouds import BINARY, EVERY, FORMATS, TEXT, TWO, Given, colored, colors_of, file_of, label
+from tests.support.small.clouds import BINARY, EVERY, FORMATS, TEXT, TWO, ArrayCloud, colored, colors_of, file_of, label
 
 
 def read(fmt: PointFormat, data: bytes) -> Array:
@@ -157,7 +157,7 @@ def test_points_that_are_views_and_of_either_byte_order(fmt: PointFormat) -> Non
 
 @pytest.mark.parametrize("fmt", EVERY, ids=label)
 def test_pieces_are_one_a_chunk_and_never_empty(fmt: PointFormat) -> None:
-    pieces = list(write(fmt, Given(np.zeros((500, 3), np.float32), colors_of(500), chunk=100)))
+    pieces = list(write(fmt, ArrayCloud(np.zeros((500, 3), np.float32), colors_of(500), chunk=100)))
     assert all(pieces)
     assert 5 * len(fmt.passes) <= len(pieces) <= 5 * len(fmt.passes) + 2
 
@@ -166,7 +166,7 @@ def test_pieces_are_one_a_chunk_and_never_empty(fmt: PointFormat) -> None:
 def test_only_formats_with_bounds_take_two_passes(fmt: PointFormat) -> None:
     passes = []
 
-    class Counting(Given):
+    class Counting(ArrayCloud):
         def parts(self) -> Iterator[Part]:
             passes.append(1)
             return super().parts()
@@ -182,7 +182,7 @@ def test_too_many_or_no_points_are_refused_at_once(fmt: PointFormat) -> None:
     sizes = [0] if fmt.max_points is None else [0, fmt.max_points + 1]
     for n in sizes:
         with pytest.raises(InvalidParameter) as caught:
-            write(fmt, Given(np.broadcast_to(np.float32(0), (n, 3))))
+            write(fmt, ArrayCloud(np.broadcast_to(np.float32(0), (n, 3))))
         assert caught.value.field == "n"
 
 

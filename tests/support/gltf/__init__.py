@@ -13,7 +13,7 @@ TIMEOUT_S = 60
 
 
 def gltf_report(glb: bytes, folder: Path) -> dict[str, Any]:
-    """The validator's report on a GLB file, which is written to `folder`; fails without Node or the package."""
+    """Return the validator's report on a GLB file, which is written to `folder`; fail without Node or the package."""
     node = shutil.which("node")
     if node is None:
         pytest.fail("Node is not installed: the glTF tests run the Khronos validator with it")
@@ -31,7 +31,7 @@ def gltf_report(glb: bytes, folder: Path) -> dict[str, Any]:
 
 
 def check_valid(glb: bytes, folder: Path) -> dict[str, Any]:
-    """The report on a GLB file that must have neither errors nor warnings."""
+    """Check that a GLB file has neither errors nor warnings, and return the report."""
     report = gltf_report(glb, folder)
     issues = report["issues"]
     assert (issues["numErrors"], issues["numWarnings"]) == (0, 0), issues["messages"]

@@ -1,4 +1,4 @@
-"""Point clouds that are there already, and the formats that write them, with colours and without."""
+"""Point clouds held in arrays, and the formats that write them, with and without colors."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,8 +19,8 @@ TWO = np.array([[0.5, -1, 0], [0.1, 2e-7, -123456.789]], np.float32)
 
 
 @dataclass(frozen=True)
-class Given:
-    """Points, and colours where there are any, that are there already."""
+class ArrayCloud:
+    """Cloud whose points, and colors if any, are arrays."""
 
     all_points: Array
     all_colors: Colors | None = None
@@ -42,8 +42,8 @@ class Given:
 
 
 def file_of(fmt: PointFormat, points: Array, chunk: int = 1000) -> bytes:
-    """With colours, where the format is one that takes them."""
-    return b"".join(write(fmt, Given(points, colors_of(len(points)), chunk)))
+    """Return a file of the points, with colors if the format takes them."""
+    return b"".join(write(fmt, ArrayCloud(points, colors_of(len(points)), chunk)))
 
 
 def colors_of(n: int) -> Colors:

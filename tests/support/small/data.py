@@ -14,7 +14,7 @@ SIZE = 64
 
 
 def write(folder: Path, train: int = 6, test: int = 4) -> Path:
-    """Entries of the splits train and test; free views (variant 0) of the test objects alone."""
+    """Write a data set with the splits train and test; free views (variant 0) of the test objects alone."""
     (folder / "objects").mkdir(parents=True)
     (folder / VARIANTS).mkdir()
     entries = []
@@ -23,7 +23,7 @@ def write(folder: Path, train: int = 6, test: int = 4) -> Path:
         name = f"object{number:02d}"
         entry = Entry(name, NAMES[number % len(NAMES)], "s", "Living room", "", "CC0", "", f"objects/{name}.npz", split)
         points = box(number)
-        np.savez(folder / entry.file, views=views(points, VIEWS), points=points, colours=colours(points))
+        np.savez(folder / entry.file, views=views(points, VIEWS), points=points, colours=colors(points))
         if split == "test":
             np.savez(folder / VARIANTS / f"{name}__0.npz", views=views(points, 12, 7.0), points=points)
         entries.append(entry)
@@ -32,7 +32,7 @@ def write(folder: Path, train: int = 6, test: int = 4) -> Path:
 
 
 def box(number: int, n: int = 10_000) -> npt.NDArray[np.float32]:
-    """n points on the surface of box `number`, (n, 3), its longest side 1."""
+    """Return n points on the surface of box `number`, (n, 3), its longest side 1."""
     rng = np.random.default_rng(number)
     sides = rng.uniform(0.1, 1, 3)
     points = rng.uniform(-0.5, 0.5, (n, 3))
@@ -42,13 +42,13 @@ def box(number: int, n: int = 10_000) -> npt.NDArray[np.float32]:
     return scaled
 
 
-def colours(points: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
-    """(n, 3) uint8: red grows to the right, green upwards, blue to the front."""
-    found: npt.NDArray[np.uint8] = np.rint(255 * (points + 0.5)).astype(np.uint8)
-    return found
+def colors(points: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
+    """Return a color per point, (n, 3) uint8: red grows to the right, green upwards, blue to the front."""
+    values: npt.NDArray[np.uint8] = np.rint(255 * (points + 0.5)).astype(np.uint8)
+    return values
 
 
 def views(points: npt.NDArray[np.float32], count: int, azimuth: float = 0.0) -> npt.NDArray[np.uint8]:
-    """(count, SIZE, SIZE, 4) uint8 RGBA from around, the points alone opaque."""
+    """Draw views from around, (count, SIZE, SIZE, 4) uint8 RGBA, the points alone opaque."""
     pictures = [draw(points, SIZE, azimuth + index * 360 / count) for index in range(count)]
     return np.stack([np.dstack([picture, 255 * (picture < 255).any(axis=2)]) for picture in pictures]).astype(np.uint8)

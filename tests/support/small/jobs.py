@@ -1,4 +1,4 @@
-"""A job for worker processes, apart from the tests: a fresh process imports it in no time."""
+"""Jobs for worker processes, apart from the tests so that a fresh process imports them quickly."""
 
 import os
 import signal

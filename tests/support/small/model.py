@@ -1,5 +1,5 @@
-"""A tiny image encoder as ONNX, for tests: theta is a linear function of the image's mean colour, and so is what
-colours the points, where it is asked for."""
+"""A tiny image encoder as ONNX, for tests: theta is a linear function of the image's mean color, and so are the
+weights of the color, if it has any."""
 
 import json
 from pathlib import Path
@@ -24,24 +24,24 @@ CARD = {
 
 
 def metadata(spec: MappingSpec = SPEC, name: str = "tiny-k2", color_spec: MappingSpec | None = None) -> dict[str, str]:
-    """What `hof-model export` writes beside the graph."""
+    """Return the metadata that `hof-model export` writes beside the graph."""
     framing = {"size": SIZE, "foreground_ratio": 0.85}
-    told = {
+    entries = {
         "hof.format": "1",
         "hof.spec": spec.to_json(),
         "hof.framing": json.dumps(framing),
         "hof.card": json.dumps(CARD | {"name": name}),
     }
-    return told | ({"hof.color_spec": color_spec.to_json()} if color_spec else {})
+    return entries | ({"hof.color_spec": color_spec.to_json()} if color_spec else {})
 
 
 def parameters(spec: MappingSpec = SPEC) -> tuple[Array, Array]:
-    """W (3, spec.size) and b (spec.size,) of theta = mean colour @ W + b."""
+    """Return W (3, spec.size) and b (spec.size,) of theta = mean color @ W + b."""
     return np.stack([0.3 * initial_theta(spec, seed) for seed in (1, 2, 3)]), initial_theta(spec, 0)
 
 
 def color_parameters(spec: MappingSpec = COLOR_SPEC) -> tuple[Array, Array]:
-    """The same for the colour's weights: colours of all kinds, some of them clipped."""
+    """Return W and b of the color's weights: colors of all kinds, some of them clipped."""
     matrix, b = parameters(spec)
     b[-spec.output_dim :] += np.float32(0.5)
     return 3 * matrix, 3 * b
@@ -58,14 +58,13 @@ def build(
     output: str = "theta",
     trips: int = 0,
 ) -> Path:
-    """Write the model, with `color_spec` one in colour, with `trips` as `_trouble` has it; the other keywords make it
-    wrong in one way each."""
+    """Write the model. `color_spec` adds colors, `trips` the nodes of `_trouble`; the others make it wrong in a way."""
     heads = {output: parameters(spec)} | ({"color": color_parameters(color_spec)} if color_spec else {})
-    made = {name: "plain" if trips and name == output else name for name in heads}
+    outputs = {name: "plain" if trips and name == output else name for name in heads}
     nodes = [
         helper.make_node("GlobalAveragePool", ["image"], ["pooled"]),  # (b, 3, 1, 1)
         helper.make_node("Flatten", ["pooled"], ["mean"]),  # (b, 3)
-        *(helper.make_node("Gemm", ["mean", f"{name}.W", f"{name}.b"], [made[name]]) for name in heads),  # (b, size)
+        *(helper.make_node("Gemm", ["mean", f"{name}.W", f"{name}.b"], [outputs[name]]) for name in heads),  # (b, size)
         *(_trouble("plain", output) if trips else ()),
     ]
     tensors: dict[str, Any] = {f"{name}.W": matrix for name, (matrix, _) in heads.items()}
@@ -88,9 +87,9 @@ def build(
 
 
 def _trouble(plain: str, output: str) -> list[Any]:
-    """What makes the network slow for dark images, and fail for those without blue.
+    """Return nodes that make the network slow for dark images, and fail for those without blue.
 
-    It turns `trips` times a loop that does nothing where a batch's darkest channel is black, never where it is white.
+    An empty loop runs `trips` times if a batch's darkest channel is black, and not at all if it is white.
     theta is not finite where the mean blue is below 0.1.
     """
     body = helper.make_graph(
@@ -125,7 +124,7 @@ def _trouble(plain: str, output: str) -> list[Any]:
 
 
 def theta_of(tensor: Array, spec: MappingSpec = SPEC) -> Array:
-    """What the model must answer: (b, 3, S, S) -> (b, spec.size)."""
+    """Return the model's right answer: (b, 3, S, S) -> (b, spec.size)."""
     matrix, b = parameters(spec)
     theta: Array = tensor.mean(axis=(2, 3)) @ matrix + b
     return theta

@@ -1,4 +1,4 @@
-"""A network that trains in seconds."""
+"""The configuration of a network that trains in seconds."""
 
 from model.config import EncoderConfig, TrainConfig
 from service.encoding.framing import Framing

@@ -8,7 +8,7 @@ SHAPES = 12
 
 
 def write_folder(folder: Path) -> Path:
-    """Twelve different solids as OBJ, PLY, STL, OFF and GLB, in two category folders."""
+    """Write twelve different solids as OBJ, PLY, STL, OFF and GLB, in two category folders."""
     suffixes = (".obj", ".ply", ".stl", ".off", ".glb")
     for index in range(SHAPES):
         category = folder / ("boxes" if index % 2 else "round")
@@ -20,7 +20,7 @@ def write_folder(folder: Path) -> Path:
 
 
 def solid(index: int) -> trimesh.Trimesh:
-    """Box or cylinder number `index`, each of its own proportions."""
+    """Return box or cylinder number `index`, each of its own proportions."""
     if index % 2:
         return trimesh.creation.box(extents=(1, 0.1 + 0.07 * index, 1.6 - 0.11 * index))
     return trimesh.creation.cylinder(radius=0.1 + 0.05 * index, height=1, sections=24)

@@ -1,4 +1,4 @@
-"""What the tests of the store share."""
+"""A record and an open store, for tests of the store."""
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager

@@ -8,6 +8,6 @@ def _trial(way: str, f: float, ms: float) -> Trial:
 
 
 def trials(f: float, ms: float) -> Trials:
-    """Two objects; the points have an F@2% of 0.4, the served surface f and ms."""
-    made = {"model": "m", "split": "test", "objects": 2, "machine": "x", "date": "y", "commit": "z"}
-    return Trials(made, [_trial(CLOUD, 0.4, 1), _trial(SERVED, f, ms)])
+    """Return trials of two objects; the points have an F@2% of 0.4, the served surface f and ms."""
+    source = {"model": "m", "split": "test", "objects": 2, "machine": "x", "date": "y", "commit": "z"}
+    return Trials(source, [_trial(CLOUD, 0.4, 1), _trial(SERVED, f, ms)])

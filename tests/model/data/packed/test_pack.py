@@ -89,7 +89,7 @@ def test_pack_quantized_keeps_points_and_their_order_with_colors(folder: Path, p
     assert len(points) == len(original)
     assert np.median(apart) < 1e-5
     assert validation.colors is not None
-    assert np.abs(validation.colors.numpy().astype(int) - data.colours(points)).max() <= 1
+    assert np.abs(validation.colors.numpy().astype(int) - data.colors(points)).max() <= 1
 
 
 def test_quantize_stays_within_a_ten_thousandth_and_refuses_what_is_outside_the_box() -> None:

@@ -19,7 +19,7 @@ from service.formats.weights import Weights, dump, load
 from service.mapping.canonical import canonical_points
 from service.mapping.cloud import FIRST_PART
 from service.mapping.spec import Array, Color, Colors, MappingSpec, apply, initial_theta
-from tests.support.colored_objects import check_none_leaves_colour_out, encoded, file_of
+from tests.support.colored_objects import check_none_leaves_color_out, encoded, file_of
 from tests.support.gltf import check_valid
 from tests.support.photos import disc, image_file
 from tests.support.small import model as tiny_model
@@ -112,7 +112,7 @@ def test_points_with_color_none_equal_those_without_color(
     client: httpx.Client, colored: httpx.Client, name: str
 ) -> None:
     holds_color = POINT_FORMATS[name].colored is not None
-    check_none_leaves_colour_out(client, colored, "points", holds_color, format=name, n=N)
+    check_none_leaves_color_out(client, colored, "points", holds_color, format=name, n=N)
 
 
 def test_points_of_any_part_have_the_same_colors(colored: httpx.Client) -> None:
