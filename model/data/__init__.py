@@ -1,1 +1,1 @@
-"""From meshes to training examples: sources, renderer, deduplication, split, batches."""
+"""Training examples from meshes: sources, renderer, deduplication, split, batches."""

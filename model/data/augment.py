@@ -1,4 +1,4 @@
-"""What a photo does to a rendered view: framing, light, background, shadow, blur, noise. Cheap enough per step."""
+"""Make rendered views look like photos: framing, light, background, shadow, blur, noise. Cheap enough per step."""
 
 import functools
 from dataclasses import dataclass
@@ -13,68 +13,72 @@ from torch import Tensor
 
 from model.data.manifest import SIZE
 
-PLAIN_SHARE: Final = 0.45  # of the images stand on white, as the service's masked ones do
+PLAIN_SHARE: Final = 0.45  # of the images: on white, like the masked images of the service
 ZOOM: Final = (0.88, 1.1)
-LOOSE_ZOOM: Final = (0.6, 1.15)  # before a background: no mask tells where the object ends
+LOOSE_ZOOM: Final = (0.6, 1.15)  # before a background, where no mask shows the object's edge
 CUT_SHARE: Final = 0.04
-CUT_ZOOM: Final = 1.3  # times: the object then sticks out of the frame
+CUT_ZOOM: Final = 1.3  # factor that pushes the object out of the frame
 SHIFT: Final = 0.06  # of the half frame, either way
 SHADOW_SHARE: Final = 0.4
 NOISE: Final = 0.03  # largest standard deviation
 PHOTOGRAPH_SCALES: Final = (1.2, 2.0, 4.0)  # of the shorter side, in sides of the frame
-GROUND_SHARES: Final = (0.15, 0.15, 0.2, 0.5)  # flat colour, gradient, texture, photographs
-COLLAGE_SHARE: Final = 0.5  # of the grounds of photographs: two that meet at a line, as wall and floor do
+GROUND_SHARES: Final = (0.15, 0.15, 0.2, 0.5)  # flat color, gradient, texture, photographs
+COLLAGE_SHARE: Final = 0.5  # of the photograph grounds: two photographs that meet at a line, as wall and floor do
 TEXTURES: Final = 32
 TEXTURE_CONTRAST: Final = (0.03, 0.2)  # standard deviation
 
 
 @dataclass(frozen=True)
 class Light:
-    """How far an image's colours may be from the view's: ranges of factors on the object's brightness, on each
-    of its channels and on the image's saturation, the share of grey images, the strength of the tone curve, and the
-    share of objects with a texture over them."""
+    """Limits of the changes to a view's colors.
+
+    brightness, tint, saturation : ranges of factors on the object's brightness, on each of its channels and on the
+        image's saturation.
+    gray_share, textured_share : shares of gray images, and of objects with a texture over them.
+    curve : strength of the tone curve.
+    """
 
     brightness: tuple[float, float]
     tint: tuple[float, float]
     saturation: tuple[float, float]
-    grey_share: float
+    gray_share: float
     curve: float
     textured_share: float
 
 
-ANY_LIGHT: Final = Light((0.5, 1.4), (0.85, 1.15), (0.4, 1.4), 0.1, 0.8, 0.15)  # geometry is the same in all of them
-WHITE_LIGHT: Final = Light((0.9, 1.1), (0.97, 1.03), (0.9, 1.1), 0.0, 0.15, 0.0)  # which leaves colours to be told
+ANY_LIGHT: Final = Light((0.5, 1.4), (0.85, 1.15), (0.4, 1.4), 0.1, 0.8, 0.15)  # geometry stays the same
+WHITE_LIGHT: Final = Light((0.9, 1.1), (0.97, 1.03), (0.9, 1.1), 0.0, 0.15, 0.0)  # colors stay recognizable
 
 
 def oversize(size: int) -> int:
-    """How many pixels a stored crop has per pixel of an encoder's input of `size`: 2 where the renders hold so many."""
+    """Return the pixels of a stored crop per pixel of an encoder's input of `size`: 2 if the renders have that many."""
     return 2 if 2 * size <= SIZE else 1
 
 
 def augment(
     crops: Tensor, size: int, rng: np.random.Generator, photographs: tuple[Path, ...], light: Light = ANY_LIGHT
 ) -> Tensor:
-    """Views as if photographed: (b, 4, S, S) uint8 RGBA, S = oversize(size) * size -> (b, 3, size, size) in [0, 1].
+    """Augment views: (b, 4, S, S) uint8 RGBA, S = oversize(size) * size -> (b, 3, size, size) in [0, 1].
 
-    `photographs` are files whose pieces stand behind some of the objects.
+    Crops of the files `photographs` are the backgrounds of some objects.
     """
     b = len(crops)
     plain = torch.from_numpy(rng.random(b) < PLAIN_SHARE).view(b, 1, 1, 1)
-    moved = _blurred(_framed(crops, size, plain, rng), rng)
-    rgb, alpha = moved[:, :3], moved[:, 3:]
+    views = _blur(_frame(crops, size, plain, rng), rng)
+    rgb, alpha = views[:, :3], views[:, 3:]
     strength = _uniform(rng, *light.brightness, (b, 1, 1, 1)) * _uniform(rng, *light.tint, (b, 3, 1, 1))
-    lit = torch.minimum(_textured(rgb * strength, light.textured_share, rng), alpha)
+    lit = torch.minimum(_add_texture(rgb * strength, light.textured_share, rng), alpha)
     ground = torch.ones_like(lit)
     busy = ~plain.flatten()
     ground[busy] = _backgrounds(int(busy.sum()), lit.shape[-1], rng, photographs)
     ground *= _shadows(alpha, rng)
-    image = _toned(lit + (1 - alpha) * ground, light, rng)
+    image = _tone(lit + (1 - alpha) * ground, light, rng)
     noise = _noise(b, lit.shape[-1], rng) * _uniform(rng, 0, NOISE, (b, 1, 1, 1))
     return (image + noise * torch.where(plain, alpha, 1.0)).clamp_(0, 1)
 
 
-def _framed(crops: Tensor, size: int, plain: Tensor, rng: np.random.Generator) -> Tensor:
-    """Premultiplied RGBA in [0, 1] at the encoder's size, the object zoomed and shifted."""
+def _frame(crops: Tensor, size: int, plain: Tensor, rng: np.random.Generator) -> Tensor:
+    """Zoom and shift the objects; return premultiplied RGBA in [0, 1] at the encoder's size."""
     b = len(crops)
     pixels = torch.empty(crops.shape).copy_(crops)
     pixels[:, :3] *= pixels[:, 3:] / 255
@@ -83,21 +87,21 @@ def _framed(crops: Tensor, size: int, plain: Tensor, rng: np.random.Generator) -
     matrix = torch.zeros(b, 2, 3)
     matrix[:, 0, 0] = matrix[:, 1, 1] = 1 / zoom
     matrix[:, :, 2] = _uniform(rng, -SHIFT, SHIFT, (b, 2))
-    # at zoom 1 and twice the size an output pixel lies between four stored ones: sampling there is their mean
+    # at zoom 1 and twice the size, an output pixel lies between four stored ones: sampling returns their mean
     grid = nnf.affine_grid(matrix, [b, 4, size, size], align_corners=False)
     return nnf.grid_sample(pixels, grid, align_corners=False) / 255
 
 
-def _textured(rgb: Tensor, share: float, rng: np.random.Generator) -> Tensor:
-    """A share of the images darker and lighter by a texture: weave, grain, dirt, a print."""
+def _add_texture(rgb: Tensor, share: float, rng: np.random.Generator) -> Tensor:
+    """Lay a texture over a share of the images: weave, grain, dirt, a print."""
     for index in np.flatnonzero(rng.random(len(rgb)) < share):
-        texture = _piece(_textures(rgb.shape[-1]), rgb.shape[-1], rng)
+        texture = _crop(noise_textures(rgb.shape[-1]), rgb.shape[-1], rng)
         rgb[index] *= (1 + rng.uniform(*TEXTURE_CONTRAST) * texture).clamp(min=0)
     return rgb
 
 
-def _blurred(image: Tensor, rng: np.random.Generator) -> Tensor:
-    """About half of the images blurred, by a kernel of 3 x 3 pixels (1 - 2w, w, w) of random w up to 1/4 each way."""
+def _blur(image: Tensor, rng: np.random.Generator) -> Tensor:
+    """Blur about half of the images by a 3 x 3 kernel (w, 1 - 2w, w) each way, w random up to 1/4."""
     chosen = torch.from_numpy(rng.random(len(image)) < 0.5)
     some = image[chosen]
     share = _uniform(rng, 0, 0.25, (len(some), 1, 1, 1))
@@ -110,18 +114,18 @@ def _blurred(image: Tensor, rng: np.random.Generator) -> Tensor:
     return image
 
 
-def _toned(image: Tensor, light: Light, rng: np.random.Generator) -> Tensor:
-    """Saturation (none in the share of grey images) and a tone curve; white stays white, black black."""
+def _tone(image: Tensor, light: Light, rng: np.random.Generator) -> Tensor:
+    """Change saturation (to none in the share of gray images) and tone; white stays white, black stays black."""
     b = len(image)
     saturation = _uniform(rng, *light.saturation, (b, 1, 1, 1))
-    saturation[torch.from_numpy(rng.random(b) < light.grey_share)] = 0
+    saturation[torch.from_numpy(rng.random(b) < light.gray_share)] = 0
     toned = torch.lerp(image.mean(dim=1, keepdim=True), image, saturation).clamp_(0, 1)
     curve = _uniform(rng, -light.curve, light.curve, (b, 1, 1, 1))  # at 0.8 close to gammas of 2 to 0.6
     return toned + curve * toned * (1 - toned)
 
 
 def _shadows(alpha: Tensor, rng: np.random.Generator) -> Tensor:
-    """(b, 1, h, w) what light is left: a soft ellipse below the object darkens SHADOW_SHARE of the grounds."""
+    """Return the remaining light (b, 1, h, w): a soft ellipse below the object darkens SHADOW_SHARE of the grounds."""
     b, _, height, width = alpha.shape
     y, x = torch.linspace(-1, 1, height).view(1, 1, -1, 1), torch.linspace(-1, 1, width).view(1, 1, 1, -1)
     rows, columns = alpha.amax(dim=3, keepdim=True) > 0.5, alpha.amax(dim=2, keepdim=True) > 0.5
@@ -138,7 +142,7 @@ def _shadows(alpha: Tensor, rng: np.random.Generator) -> Tensor:
 
 
 def _backgrounds(count: int, side: int, rng: np.random.Generator, photographs: tuple[Path, ...]) -> Tensor:
-    """(count, 3, side, side): flat colours, gradients, textures of coloured noise, pieces of photographs."""
+    """Return backgrounds (count, 3, side, side): flat colors, gradients, colored noise, crops of photographs."""
     kind = rng.choice(len(GROUND_SHARES), size=count, p=GROUND_SHARES)
     first, second = _uniform(rng, 0, 1, (2, count, 3, 1, 1))
     angle = _uniform(rng, 0, 2 * np.pi, (count, 1, 1, 1))
@@ -146,41 +150,41 @@ def _backgrounds(count: int, side: int, rng: np.random.Generator, photographs: t
     ramp = ((x * angle.cos() + y * angle.sin()) / 1.42 + 0.5) * torch.from_numpy(kind > 0).view(count, 1, 1, 1)
     ground = torch.lerp(first, second, ramp)
     for index in np.flatnonzero(kind == 2):
-        ground[index] += rng.uniform(*TEXTURE_CONTRAST) * _piece(_textures(side), side, rng)
+        ground[index] += rng.uniform(*TEXTURE_CONTRAST) * _crop(noise_textures(side), side, rng)
     for index in np.flatnonzero(kind == 3):
-        ground[index] = _photographed(_photographs(photographs, side), side, rng)
+        ground[index] = _photograph_ground(_load_photographs(photographs, side), side, rng)
     return ground.clamp_(0, 1)
 
 
-def _photographed(photographs: list[Tensor], side: int, rng: np.random.Generator) -> Tensor:
-    """(3, side, side): a piece of a photograph or two of them, in colours that may not be its own."""
-    piece = _recoloured(_piece(photographs, side, rng), rng)
+def _photograph_ground(photographs: list[Tensor], side: int, rng: np.random.Generator) -> Tensor:
+    """Return a crop of one photograph or of two, (3, side, side), possibly recolored."""
+    ground = _recolor(_crop(photographs, side, rng), rng)
     if rng.random() < COLLAGE_SHARE:
         line, edge = int(rng.integers(side)), int(rng.integers(1, 3))
-        other = _recoloured(_piece(photographs, side, rng), rng)
-        piece.narrow(edge, 0, line).copy_(other.narrow(edge, 0, line))
-    return piece
+        other = _recolor(_crop(photographs, side, rng), rng)
+        ground.narrow(edge, 0, line).copy_(other.narrow(edge, 0, line))
+    return ground
 
 
-def _recoloured(piece: Tensor, rng: np.random.Generator) -> Tensor:
-    """Half of the pieces with their channels in another order, each lit by a colour of its own."""
+def _recolor(crop: Tensor, rng: np.random.Generator) -> Tensor:
+    """Shuffle the channels of half of the crops, and tint each crop."""
     order = rng.permutation(3).tolist() if rng.random() < 0.5 else [0, 1, 2]
-    return piece[order] * _uniform(rng, 0.5, 1.3, (3, 1, 1))
+    return crop[order] * _uniform(rng, 0.5, 1.3, (3, 1, 1))
 
 
 def _noise(count: int, side: int, rng: np.random.Generator) -> Tensor:
-    """(count, 3, side, side) of unit variance: pieces of a fixed store, which costs less than fresh numbers."""
+    """Return noise of unit variance, (count, 3, side, side), cut from a fixed store: cheaper than fresh numbers."""
     store, numbers = _normal_numbers(), 3 * side * side
     starts = rng.integers(len(store) - numbers, size=count).tolist()
     return torch.stack([store[start : start + numbers] for start in starts]).view(count, 3, side, side)
 
 
-def _piece(pictures: list[Tensor], side: int, rng: np.random.Generator) -> Tensor:
-    """(3, side, side) a random square of a random picture, perhaps flipped."""
+def _crop(pictures: list[Tensor], side: int, rng: np.random.Generator) -> Tensor:
+    """Return a random square of a random picture, (3, side, side), flipped half of the time."""
     picture = pictures[rng.integers(len(pictures))]
     top, left = (int(rng.integers(length - side + 1)) for length in picture.shape[1:])
-    piece = picture[:, top : top + side, left : left + side]
-    return piece.flip(2) if rng.random() < 0.5 else piece
+    square = picture[:, top : top + side, left : left + side]
+    return square.flip(2) if rng.random() < 0.5 else square
 
 
 @functools.cache
@@ -189,23 +193,22 @@ def _normal_numbers() -> Tensor:
 
 
 @functools.cache
-def _textures(side: int) -> list[Tensor]:
-    """Noise about 0, (3, 3 * side, 3 * side), of several octaves in shares that differ per texture, a little
-    coloured."""
+def noise_textures(side: int) -> list[Tensor]:
+    """Return textures of slightly colored noise around 0, (3, 3 * side, 3 * side), octaves weighted per texture."""
     rng, textures = np.random.default_rng(0), []
     for _ in range(TEXTURES):
         total = torch.zeros(1, 3, 3 * side, 3 * side)
         for cells in (side // 4, side // 2, side, 3 * side // 2, 3 * side):
-            grey, coloured = rng.standard_normal((1, 1, cells, cells)), rng.standard_normal((1, 3, cells, cells))
-            octave = torch.from_numpy(rng.random() * (grey + 0.4 * coloured)).float()
+            gray, colored = rng.standard_normal((1, 1, cells, cells)), rng.standard_normal((1, 3, cells, cells))
+            octave = torch.from_numpy(rng.random() * (gray + 0.4 * colored)).float()
             total += nnf.interpolate(octave, total.shape[2:], mode="bilinear", align_corners=False)
         textures.append(total[0] / total.std())
     return textures
 
 
 @functools.cache
-def _photographs(paths: tuple[Path, ...], side: int) -> list[Tensor]:
-    """RGB, (3, height, width), each in several sizes."""
+def _load_photographs(paths: tuple[Path, ...], side: int) -> list[Tensor]:
+    """Load photographs as RGB, (3, height, width), each at several sizes."""
     photographs = []
     for path in paths:
         with Image.open(path) as file:

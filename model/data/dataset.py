@@ -1,4 +1,4 @@
-"""Training examples in memory, and the batches drawn from them, reproducible at any step."""
+"""Training examples in memory, and batches drawn from them, reproducible at any step."""
 
 import os
 from concurrent.futures import ThreadPoolExecutor
@@ -15,7 +15,7 @@ from torch import Tensor
 
 from model.config import TrainConfig
 from model.data.augment import ANY_LIGHT, Light, augment, oversize
-from model.data.manifest import Entry, Manifest, Split, made_files, variant_files
+from model.data.manifest import COLORS, Entry, Manifest, Split, piece_files, variant_files
 from model.data.sources.photographs import photograph_files
 from service.encoding.framing import Framing, frame
 from service.mapping.canonical import canonical_points
@@ -23,9 +23,9 @@ from service.mapping.canonical import canonical_points
 Bytes = npt.NDArray[np.uint8]
 Floats = npt.NDArray[np.float32]
 
-VISIBLE: Final = 0.005  # of a view's pixels: a flat object seen from its edge shows nothing, and is left out
-MADE_A_DRAW: Final = 20  # pieces that share an object's turn: 9,000 of them are four tenths of the batches
-OWN: Final = 2  # an object's first shapes: as the data set was built, and under free cameras
+VISIBLE: Final = 0.005  # least share of a view's pixels: a flat object seen from its edge is left out
+PIECES_PER_DRAW: Final = 20  # pieces that share one object's turn: 9,000 pieces fill four tenths of the batches
+OWN: Final = 2  # an object's first shapes: as built, and under free cameras
 MIRROR: Final = np.array([-1, 1, 1], np.float32)  # left and right exchanged, object frame
 
 
@@ -35,12 +35,12 @@ class Shape:
 
     crops : (views, S, S, 4) uint8 RGBA, framed by the service's code, S = oversize(size) * size.
     points : (10000, 3) float32, object frame.
-    colours : (10000, 3) uint8, sRGB of each point as its material has it; None for variants.
+    colors : (10000, 3) uint8, sRGB of the material at each point; None for variants.
     """
 
     crops: Bytes
     points: Floats
-    colours: Bytes | None = None
+    colors: Bytes | None = None
 
 
 @dataclass(frozen=True)
@@ -48,40 +48,42 @@ class Examples:
     """A split in memory.
 
     entries : one per object.
-    shapes : per object the object itself; with variants then the same under free cameras, and in the
-        training split its stretched and warped copies.
-    photographs : files of what may stand behind them.
-    made : made furniture, MADE_A_DRAW pieces each, drawn as often as an object.
+    shapes : per object the object itself; with variants also the object under free cameras and, in the training
+        split, its stretched and warped copies.
+    photographs : files for backgrounds.
+    pieces : procedural pieces in groups of PIECES_PER_DRAW; a group is drawn as often as an object.
     """
 
     entries: list[Entry]
     shapes: list[list[Shape]]
     photographs: tuple[Path, ...]
-    made: list[list[Shape]] = field(default_factory=list)
+    pieces: list[list[Shape]] = field(default_factory=list)
 
     def built(self, view: int) -> tuple[Bytes, Floats]:
-        """View `view`, of those that show something, of every object as the data set was built: crops
-        (objects, S, S, 4), points (objects, 10000, 3)."""
-        chosen = [own for own, *_ in self.shapes]
-        return np.stack([one.crops[view] for one in chosen]), np.stack([one.points for one in chosen])
+        """Return one visible view of every object as built: crops (objects, S, S, 4), points (objects, 10000, 3)."""
+        own = [first for first, *_ in self.shapes]
+        return np.stack([shape.crops[view] for shape in own]), np.stack([shape.points for shape in own])
 
 
-def load_examples(folder: Path, split: Split, framing: Framing, variants: bool = False, made: bool = False) -> Examples:
-    """Read a split and frame its views once; with `variants` also what `hof-model data vary` wrote, with `made`
-    what `make` did.
+def load_examples(
+    folder: Path, split: Split, framing: Framing, variants: bool = False, pieces: bool = False
+) -> Examples:
+    """Read a split and frame its views once.
+
+    With `variants`, read the output of `hof-model data vary` too, with `pieces` that of `hof-model data make`.
 
     Raises
     ------
-    FileNotFoundError : `folder` holds no finished data set, no variants, stretched ones of the training split
-        among them, or no made furniture where asked for.
+    FileNotFoundError : `folder` holds no finished data set, or lacks the requested variants (for the training split
+        also stretched ones) or pieces.
     """
     entries = list(Manifest.read(folder).of(split))
     large = Framing(framing.size * oversize(framing.size), framing.foreground_ratio)
     files = [[folder / entry.file, *(variant_files(folder, entry) if variants else [])] for entry in entries]
     if variants and split == "train" and not any(len(of_object) > OWN for of_object in files):
         raise FileNotFoundError(f"{folder} holds no stretched shapes: run `hof-model data vary --data {folder}` first")
-    pieces = made_files(folder) if made else []
-    files += [pieces[start : start + MADE_A_DRAW] for start in range(0, len(pieces), MADE_A_DRAW)]
+    paths = piece_files(folder) if pieces else []
+    files += [paths[start : start + PIECES_PER_DRAW] for start in range(0, len(paths), PIECES_PER_DRAW)]
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         shapes = list(threads.map(lambda paths: [_load_shape(path, large) for path in paths], files))
     return Examples(entries, shapes[: len(entries)], photograph_files(folder), shapes[len(entries) :])
@@ -89,54 +91,59 @@ def load_examples(folder: Path, split: Split, framing: Framing, variants: bool =
 
 def _load_shape(path: Path, framing: Framing) -> Shape:
     with np.load(path) as arrays:
-        shown = [view for view in arrays["views"] if (view[..., 3] > 0).mean() > VISIBLE]
-        crops = np.stack([np.asarray(frame(Image.fromarray(view), framing)[0]) for view in shown])
-        return Shape(crops, arrays["points"], arrays.get("colours"))
+        visible = [view for view in arrays["views"] if (view[..., 3] > 0).mean() > VISIBLE]
+        crops = np.stack([np.asarray(frame(Image.fromarray(view), framing)[0]) for view in visible])
+        return Shape(crops, arrays["points"], arrays.get(COLORS))
 
 
 @dataclass(frozen=True)
 class Batch:
-    """images (b, 3, size, size) in [0, 1]; canonical (b, n, d); true points (b, m, 3), and their colours
-    (b, m, 3) uint8 where every shape has them."""
+    """One training batch.
+
+    images : (b, 3, size, size) in [0, 1].
+    canonical : (b, n, d) canonical points.
+    points : (b, m, 3) true points.
+    colors : (b, m, 3) uint8, of the true points; None unless every shape has colors.
+    """
 
     images: Tensor
     canonical: Tensor
     points: Tensor
-    colours: Tensor | None
+    colors: Tensor | None
 
 
 def draw_batch(examples: Examples, config: TrainConfig, step: int, light: Light = ANY_LIGHT) -> Batch:
-    """The batch of a step: a function of (seed, step) alone, so that a resumed run sees the same data.
+    """Draw the batch of a step, which depends on (seed, step) only, so that a resumed run sees the same data.
 
-    Each object, and each group of made pieces, comes as one of all its views, those of its variants included, and
-    half of them mirrored: an image flipped left to right shows the shape with x negated. Of an object's draws
-    `config.own_share` are set aside for the object itself.
+    Each object, and each group of pieces, appears in one of all its views, variants included. Half of the views are
+    mirrored: an image flipped left to right shows the shape with x negated. A share `config.own_share` of an object's
+    draws uses the object itself.
     """
     rng = np.random.default_rng([config.seed, step])
     mirrored = rng.random(config.batch) < 0.5
-    crops, points, colours = [], [], []
-    drawn_from = [*examples.shapes, *examples.made]
-    for number, turned in zip(_epoch_slice(len(drawn_from), config, step), mirrored, strict=True):
-        shapes = drawn_from[number]
+    crops, points, colors = [], [], []
+    groups = [*examples.shapes, *examples.pieces]
+    for number, is_mirrored in zip(_epoch_slice(len(groups), config, step), mirrored, strict=True):
+        shapes = groups[number]
         if number < len(examples.shapes) and rng.random() < config.own_share:
             shapes = shapes[:OWN]
         shape, view = _any_view(shapes, rng)
-        drawn = rng.permutation(len(shape.points))[: config.target_points]
-        chosen = shape.points[drawn]
+        order = rng.permutation(len(shape.points))[: config.target_points]
+        targets = shape.points[order]
         crops.append(shape.crops[view])
-        points.append(chosen * MIRROR if turned else chosen)
-        if shape.colours is not None:
-            colours.append(shape.colours[drawn])
+        points.append(targets * MIRROR if is_mirrored else targets)
+        if shape.colors is not None:
+            colors.append(shape.colors[order])
     views = torch.from_numpy(np.stack(crops)).permute(0, 3, 1, 2)
     images = augment(views, config.framing.size, rng, examples.photographs, light)
-    images[mirrored] = images[mirrored].flip(3)  # augmentation knows no left and right: last is cheapest
+    images[mirrored] = images[mirrored].flip(3)  # augmentation is symmetric left to right; flipping last is cheapest
     canonical = torch.from_numpy(uniform_points(config, rng))
-    coloured = torch.from_numpy(np.stack(colours)) if len(colours) == config.batch else None
-    return Batch(images, canonical, torch.from_numpy(np.stack(points)), coloured)
+    batch_colors = torch.from_numpy(np.stack(colors)) if len(colors) == config.batch else None
+    return Batch(images, canonical, torch.from_numpy(np.stack(points)), batch_colors)
 
 
 def _any_view(shapes: list[Shape], rng: np.random.Generator) -> tuple[Shape, int]:
-    """One view of all views that an object's shapes have."""
+    """Choose one of all views of an object's shapes; return its shape and its index there."""
     view = int(rng.integers(sum(len(shape.crops) for shape in shapes)))
     for shape in shapes[:-1]:
         if view < len(shape.crops):
@@ -146,14 +153,14 @@ def _any_view(shapes: list[Shape], rng: np.random.Generator) -> tuple[Shape, int
 
 
 def uniform_points(config: TrainConfig, rng: np.random.Generator) -> Floats:
-    """(batch, points, d) uniform in the spec's canonical domain."""
+    """Return points uniform in the spec's canonical domain, (batch, points, d)."""
     n = config.batch * config.points
     seed = int(rng.integers(2**62))
     return canonical_points(config.spec.domain, n, seed).reshape(config.batch, config.points, -1)
 
 
 def _epoch_slice(objects: int, config: TrainConfig, step: int) -> npt.NDArray[np.int64]:
-    """Objects of a step: every object once per epoch, in an order seeded by (seed, epoch)."""
+    """Return the objects of a step: every object once per epoch, in an order seeded by (seed, epoch)."""
     positions = np.arange(step * config.batch, (step + 1) * config.batch)
     epochs = positions // objects
     orders = {epoch: np.random.default_rng([config.seed, 1, epoch]).permutation(objects) for epoch in np.unique(epochs)}
@@ -161,7 +168,7 @@ def _epoch_slice(objects: int, config: TrainConfig, step: int) -> npt.NDArray[np
 
 
 def plain_images(crops: Bytes, size: int) -> Tensor:
-    """Stored crops over white, as the service shows them: (b, S, S, 4) uint8 -> (b, 3, size, size)."""
+    """Put stored crops over white, as the service does: (b, S, S, 4) uint8 -> (b, 3, size, size)."""
     pixels = torch.from_numpy(crops).permute(0, 3, 1, 2).float() / 255
     alpha = pixels[:, 3:]
     return nnf.avg_pool2d(pixels[:, :3] * alpha + (1 - alpha), oversize(size))

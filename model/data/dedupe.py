@@ -1,4 +1,4 @@
-"""Find objects that are the same shape: colour variants, mirror images, turned copies."""
+"""Find objects of the same shape: color variants, mirror images, turned copies."""
 
 from typing import Final
 
@@ -8,8 +8,8 @@ from scipy.spatial import cKDTree
 
 Floats = npt.NDArray[np.float32]
 
-POINTS: Final = 4_000  # per cloud when two objects are compared
-EXTENT_TOLERANCE: Final = 0.03  # of the longest side: pairs whose boxes differ more are not compared
+COMPARED_POINTS: Final = 4_000  # of each cloud
+EXTENT_TOLERANCE: Final = 0.03  # of the longest side; pairs whose boxes differ more are different
 THRESHOLD: Final = 1.25  # times the distance between two samples of the same surface
 
 
@@ -18,28 +18,28 @@ def duplicates(clouds: dict[str, Floats], threshold: float = THRESHOLD) -> dict[
 
     Two objects are the same when the mean nearest distance between their clouds, the worse of both
     directions and the best over quarter turns about +Y and mirror images, is below `threshold` times
-    what two samples of one of them have.
+    the distance of two samples of one object.
 
     Parameters
     ----------
-    clouds : id -> (n, 3) float32 points on the surface, object frame, n at least 2 * POINTS.
+    clouds : id -> (n, 3) float32 points on the surface, object frame, n at least 2 * COMPARED_POINTS.
     """
     ids = sorted(clouds)
-    halves = {id_: (clouds[id_][:POINTS], clouds[id_][POINTS : 2 * POINTS]) for id_ in ids}
+    halves = {id_: (clouds[id_][:COMPARED_POINTS], clouds[id_][COMPARED_POINTS : 2 * COMPARED_POINTS]) for id_ in ids}
     trees = {id_: cKDTree(halves[id_][0]) for id_ in ids}
     floors = {id_: float(trees[id_].query(halves[id_][1])[0].mean()) for id_ in ids}
     boxes = {id_: np.ptp(clouds[id_], axis=0) for id_ in ids}
     kept: list[str] = []
-    found: dict[str, str] = {}
+    repeats: dict[str, str] = {}
     for id_ in ids:
         for other in kept:
             limit = threshold * max(floors[id_], floors[other])
             if _same(halves[id_][1], boxes[id_], trees[other], halves[other][0], boxes[other], limit):
-                found[id_] = other
+                repeats[id_] = other
                 break
         else:
             kept.append(id_)
-    return found
+    return repeats
 
 
 def _same(a: Floats, box_a: Floats, tree_b: cKDTree, b: Floats, box_b: Floats, limit: float) -> bool:
@@ -48,16 +48,16 @@ def _same(a: Floats, box_a: Floats, tree_b: cKDTree, b: Floats, box_b: Floats, l
         if np.abs(box - box_b).max() > EXTENT_TOLERANCE:
             continue
         for mirrored in (False, True):
-            moved = _turned(a, turn, mirrored)
+            moved = _turn(a, turn, mirrored)
             if tree_b.query(moved[:200])[0].mean() > 2 * limit:
-                continue  # far apart: 200 points tell
+                continue  # far apart: 200 points are enough to see it
             if tree_b.query(moved)[0].mean() < limit and cKDTree(moved).query(b)[0].mean() < limit:
                 return True
     return False
 
 
-def _turned(points: Floats, turn: int, mirrored: bool) -> Floats:
-    """Points after `turn` quarter turns about +Y, x mirrored before where asked."""
+def _turn(points: Floats, turn: int, mirrored: bool) -> Floats:
+    """Mirror x if `mirrored`, then make `turn` quarter turns about +Y."""
     x, y, z = points.T
     x = -x if mirrored else x
     for _ in range(turn):

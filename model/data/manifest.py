@@ -1,4 +1,4 @@
-"""The manifest: which objects the data set holds, where each comes from, and in which split it is."""
+"""The manifest of a data set: its objects, their sources and splits."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -14,21 +14,23 @@ from service.files import whole_file
 Split = Literal["train", "val", "test"]
 SPLITS: Final[tuple[Split, ...]] = ("train", "val", "test")
 SHARES: Final = (0.8, 0.1, 0.1)
-SIZE: Final = 128  # pixels a side of the views that are rendered
-VARIANTS: Final = "variants"  # folder of what `hof-model data vary` writes, in the data set's folder
-MADE: Final = "made"  # of what `hof-model data make` writes
+SIZE: Final = 128  # pixels per side of a rendered view
+VARIANTS: Final = "variants"  # folder that `hof-model data vary` writes, in the data set's folder
+PIECES: Final = "made"  # folder that `hof-model data make` writes
+COLORS: Final = "colours"  # name of the points' colors in an object's file
+_KEYS: Final = {"license": "licence"}  # field -> key in manifest.json, where they differ
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One object. `mesh_sha256` tells which file the mesh was; `file` is relative to the data set's folder."""
+    """One object. `mesh_sha256` identifies its mesh file; `file` is relative to the data set's folder."""
 
     id: str
     name: str
     source: str
     category: str
     creator: str
-    licence: str
+    license: str
     mesh_sha256: str
     file: str
     split: Split
@@ -36,7 +38,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Manifest:
-    """A data set: its objects by split order, what was left out and why, and the seed of it all."""
+    """A data set: its objects, the meshes left out and why, and its seed."""
 
     seed: int
     entries: tuple[Entry, ...]
@@ -44,17 +46,21 @@ class Manifest:
     failures: dict[str, str]  # id -> why its mesh could not be used
 
     def of(self, split: Split) -> Iterator[Entry]:
-        """The split's objects in manifest order."""
+        """Return the split's objects in manifest order."""
         return (entry for entry in self.entries if entry.split == split)
 
     def write(self, path: Path) -> None:
         """Write as JSON, whole or not at all."""
+        fields = asdict(self)
+        fields["entries"] = [
+            {_KEYS.get(field, field): value for field, value in entry.items()} for entry in fields["entries"]
+        ]
         with whole_file(path) as file:
-            file.write((json.dumps(asdict(self), indent=1, ensure_ascii=False) + "\n").encode())
+            file.write((json.dumps(fields, indent=1, ensure_ascii=False) + "\n").encode())
 
     @classmethod
     def read(cls, folder: Path) -> "Manifest":
-        """The manifest of a data set's folder.
+        """Read the manifest of a data set's folder.
 
         Raises
         ------
@@ -64,16 +70,18 @@ class Manifest:
         if not path.is_file():
             raise FileNotFoundError(f"{path} is missing: run `hof-model data build --out {folder}` first")
         fields = json.loads(path.read_text(encoding="utf-8"))
-        return cls(**{**fields, "entries": tuple(Entry(**entry) for entry in fields["entries"])})
+        names = {key: field for field, key in _KEYS.items()}
+        entries = ({names.get(key, key): value for key, value in entry.items()} for entry in fields["entries"])
+        return cls(**{**fields, "entries": tuple(Entry(**entry) for entry in entries)})
 
 
 def variant_file(folder: Path, entry: Entry, number: int) -> Path:
-    """Where variant `number` of an object lies or will lie; 0 is the object itself under free cameras."""
+    """Return the path of variant `number` of an object; 0 is the object itself under free cameras."""
     return folder / VARIANTS / f"{Path(entry.file).stem}__{number}.npz"
 
 
 def variant_files(folder: Path, entry: Entry) -> list[Path]:
-    """The variants of an object that are there, in order of their numbers, the first of them 0.
+    """Return the existing variants of an object, numbered from 0, in order.
 
     Raises
     ------
@@ -88,23 +96,25 @@ def variant_files(folder: Path, entry: Entry) -> list[Path]:
     return files
 
 
-def made_files(folder: Path) -> list[Path]:
-    """The made furniture in a data set's folder, in order of its numbers.
+def piece_files(folder: Path) -> list[Path]:
+    """Return the procedural pieces in a data set's folder, in order of their numbers.
 
     Raises
     ------
     FileNotFoundError : there is none.
     """
-    files = sorted((folder / MADE).glob("*.npz"))
+    files = sorted((folder / PIECES).glob("*.npz"))
     if not files:
-        raise FileNotFoundError(f"{folder} holds no made furniture: run `hof-model data make --data {folder}` first")
+        raise FileNotFoundError(f"{folder} holds no procedural pieces: run `hof-model data make --data {folder}` first")
     return files
 
 
-def assign_splits(ids: list[str], seed: int, known: Mapping[str, Split] | None = None) -> dict[str, Split]:
-    """The splits of ids: those that are `known` as they are, the others 80/10/10 at random, by seed, in whatever order
-    `ids` come."""
-    splits = {id_: split for id_, split in (known or {}).items() if id_ in set(ids)}
+def assign_splits(ids: list[str], seed: int, fixed: Mapping[str, Split] | None = None) -> dict[str, Split]:
+    """Assign splits to ids: those of `fixed` stay, the others get 80/10/10 at random by seed.
+
+    The order of `ids` does not matter.
+    """
+    splits = {id_: split for id_, split in (fixed or {}).items() if id_ in set(ids)}
     fresh = sorted(set(ids) - set(splits))
     shuffled: npt.NDArray[np.str_] = np.random.default_rng(seed).permutation(fresh)
     held = {split: round(share * len(fresh)) for split, share in zip(SPLITS, SHARES, strict=True)}

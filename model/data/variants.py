@@ -1,4 +1,4 @@
-"""Free cameras, stretched and warped shapes: further views of a built data set's objects, its manifest unchanged."""
+"""Variants of a built data set's objects: free cameras, stretched and warped shapes. The manifest is unchanged."""
 
 from collections.abc import Iterable
 from contextlib import closing
@@ -14,27 +14,27 @@ import trimesh
 from model.data.manifest import VARIANTS, Manifest, variant_file
 from model.data.procedural.textures import redress, texture_files
 from model.data.rendering.cameras import Doubles, free_cameras
-from model.data.rendering.render import POINTS, shoot, stage, stretch
+from model.data.rendering.render import SURFACE_POINTS, shoot, stage, stretch
 from model.data.rendering.surface import sample_surface
 from model.data.sources.meshes import MeshRecord, load_parts
-from model.data.warp import STRETCH, warped
+from model.data.warp import STRETCH, warp
 from model.data.workers import run_with_progress
 from service.files import whole_file
 
-STRETCHED: Final = 4  # variants 1 to this are stretched, those after it warped,
-WARPED: Final = 9  # and those after this warped in other colours and textures
+STRETCHED: Final = 4  # variants 1 to this one are stretched, those after it are warped
+WARPED: Final = 9  # variants after this one are warped, in other colors and textures
 
 Floats = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True)
 class Variant:
-    """What is kept of one variant of an object.
+    """One variant of an object.
 
     views : (views, SIZE, SIZE, 4) uint8 RGBA, alpha is the mask.
     cameras : (views, 4) float32, azimuth and elevation in degrees, distance in longest sides, roll in degrees.
-    points : (POINTS, 3) float32, object frame; those of the object itself for variant 0.
-    stretch : (3,) float32, what the object's frame was scaled by along x, y, z; 1 where it was warped instead.
+    points : (SURFACE_POINTS, 3) float32, object frame; those of the object itself for variant 0.
+    stretch : (3,) float32, scale of the object's frame along x, y, z; 1 if it was warped instead.
     """
 
     views: npt.NDArray[np.uint8]
@@ -45,7 +45,7 @@ class Variant:
 
 @dataclass(frozen=True)
 class VariantsJob:
-    """The variants of one object that are not there yet: number -> file."""
+    """The missing variants of one object. `targets` maps number -> file."""
 
     record: MeshRecord
     base: Path
@@ -57,27 +57,29 @@ class VariantsJob:
 
 
 def vary(records: Iterable[MeshRecord], folder: Path, variants: int, views: int, processes: int) -> dict[str, str]:
-    """Write the variants of every object in `folder`'s manifest that are missing; return id -> failure.
+    """Write the missing variants of every object in `folder`'s manifest; return id -> failure.
 
-    Variant 0 is the object as it is under free cameras; of the training split alone, 1 to STRETCHED are
-    stretched, those up to WARPED warped, and those up to `variants` warped with textures of other training
-    objects. Each is a function of (the manifest's seed, id, number).
-    Running it again goes on where it stopped.
+    Variant 0 is the object itself under free cameras. In the training split, variants 1 to STRETCHED are stretched,
+    those up to WARPED are warped, and those up to `variants` are warped with textures of other training objects. Each
+    depends on (the manifest's seed, id, number) only. A second run resumes.
 
     Raises
     ------
-    FileNotFoundError : `folder` holds no finished data set, or no textures for variants above WARPED.
+    FileNotFoundError : `folder` holds no finished data set, or lacks the textures for variants above WARPED.
     ValueError : the records lack an object of the manifest.
     """
     manifest = Manifest.read(folder)
-    known = {record.id: record for record in records}
-    if lacking := [entry.id for entry in manifest.entries if entry.id not in known]:
-        raise ValueError(f"the source lacks {len(lacking)} objects of the manifest, {lacking[0]} among them")
+    by_id = {record.id: record for record in records}
+    if missing_ids := [entry.id for entry in manifest.entries if entry.id not in by_id]:
+        raise ValueError(
+            f"the source lacks {len(missing_ids)} objects of the manifest, {missing_ids[0]} among them: "
+            "pass the meshes that the data set was built from"
+        )
     (folder / VARIANTS).mkdir(exist_ok=True)
     textures = texture_files(folder)
     if variants > WARPED and not textures:
         raise FileNotFoundError(
-            f"{folder} holds no textures: run `hof-model data textures` first, or ask for --variants {WARPED}"
+            f"{folder} holds no textures: run `hof-model data textures` first, or pass --variants {WARPED}"
         )
     jobs = []
     for entry in manifest.entries:
@@ -86,12 +88,12 @@ def vary(records: Iterable[MeshRecord], folder: Path, variants: int, views: int,
         missing = {number: file for number, file in files.items() if not file.exists()}
         if missing:
             base = folder / entry.file
-            jobs.append(VariantsJob(known[entry.id], base, missing, train, textures, views, manifest.seed))
+            jobs.append(VariantsJob(by_id[entry.id], base, missing, train, textures, views, manifest.seed))
     return run_with_progress(render_variants, jobs, lambda job: job.record.id, processes, "vary", "object")
 
 
 def render_variants(job: VariantsJob) -> None:
-    """Render a job's variants, the mesh loaded once; each file comes whole or not at all (a worker process)."""
+    """Render a job's variants from one loaded mesh; each file is written whole or not at all (a worker process)."""
     parts = load_parts(job.record)
     with np.load(job.base) as arrays:
         base: Floats = arrays["points"]
@@ -99,26 +101,26 @@ def render_variants(job: VariantsJob) -> None:
         for number, target in job.targets.items():
             rng = np.random.default_rng([job.seed, number, *job.record.id.encode()])
             if number > STRETCHED:
-                variant = _warped(parts, job, number, rng)
+                variant = _render_warped(parts, job, number, rng)
             else:
                 scale = stretch_factors(parts, rng) if number else np.ones(3)
                 points = scaled_points(parts, scale, rng) if number else base
                 stretch(plotter, scale)
-                variant = _shot(plotter, scale, points, job, rng)
+                variant = _render_free(plotter, scale, points, job, rng)
             with whole_file(target) as file:
                 np.savez_compressed(file, **vars(variant))
 
 
-def _warped(parts: list[trimesh.Trimesh], job: VariantsJob, number: int, rng: np.random.Generator) -> Variant:
-    moved, scale = warped(parts, rng), np.ones(3)
-    points = scaled_points(moved, scale, rng)
+def _render_warped(parts: list[trimesh.Trimesh], job: VariantsJob, number: int, rng: np.random.Generator) -> Variant:
+    warped, scale = warp(parts, rng), np.ones(3)
+    points = scaled_points(warped, scale, rng)
     if number > WARPED:
-        redress(moved, job.textures, rng.spawn(1)[0])  # the cameras stay what they are
-    with closing(stage(moved, multisampling=False)) as plotter:
-        return _shot(plotter, scale, points, job, rng)
+        redress(warped, job.textures, rng.spawn(1)[0])  # keeps the cameras of the plain variant
+    with closing(stage(warped, multisampling=False)) as plotter:
+        return _render_free(plotter, scale, points, job, rng)
 
 
-def _shot(
+def _render_free(
     plotter: pyvista.Plotter, scale: Doubles, points: Floats, job: VariantsJob, rng: np.random.Generator
 ) -> Variant:
     cameras = free_cameras(job.views, job.train, rng)
@@ -127,9 +129,9 @@ def _shot(
 
 
 def stretch_factors(parts: list[trimesh.Trimesh], rng: np.random.Generator) -> Doubles:
-    """(3,) random factors along the axes, after which the bounding box's longest side is 1 again.
+    """Return random factors along the axes, (3,), that keep the longest side of the bounding box at 1.
 
-    `parts` are in the object frame, so that the box stays centred. Symmetric objects stay symmetric.
+    `parts` are in the object frame, so the box stays centered. Symmetric objects stay symmetric.
     """
     corners = np.concatenate([part.vertices[np.unique(part.faces)] for part in parts])
     scale = np.exp(rng.uniform(-STRETCH, STRETCH, 3))
@@ -138,6 +140,6 @@ def stretch_factors(parts: list[trimesh.Trimesh], rng: np.random.Generator) -> D
 
 
 def scaled_points(parts: list[trimesh.Trimesh], scale: Doubles, rng: np.random.Generator) -> Floats:
-    """(POINTS, 3) float32 uniform over the area of the scaled surface."""
+    """Sample the scaled surface uniformly by area: (SURFACE_POINTS, 3) float32."""
     scaled = [trimesh.Trimesh(part.vertices * scale, part.faces, process=False) for part in parts]
-    return sample_surface(scaled, POINTS, rng)[0]
+    return sample_surface(scaled, SURFACE_POINTS, rng)[0]

@@ -1,4 +1,4 @@
-"""Other shapes made of one: proportions that change along an axis, sides that taper, backs that lean."""
+"""Warp a shape: change proportions along an axis, taper sides, lean backs."""
 
 from typing import Final
 
@@ -7,18 +7,18 @@ import numpy.typing as npt
 import trimesh
 
 STRETCH: Final = 0.3  # largest natural logarithm of a factor along an axis
-SHIFT: Final = 0.6  # of the ends' density against the middle's, along each axis; below 1 nothing folds
+SHIFT: Final = 0.6  # largest change of density from the middle to the ends of an axis; below 1 nothing folds
 TAPER: Final = 0.4  # largest change of width and depth from the middle to top or bottom
 LEAN: Final = 0.2  # largest slope of the depth over the height
-PHASES: Final = np.array([0, 2 * np.pi, 2 * np.pi])  # x stays odd, so that symmetric objects stay symmetric
+PHASES: Final = np.array([0, 2 * np.pi, 2 * np.pi])  # x stays odd, so symmetric objects stay symmetric
 
 Doubles = npt.NDArray[np.float64]
 
 
-def warped(parts: list[trimesh.Trimesh], rng: np.random.Generator) -> list[trimesh.Trimesh]:
-    """The parts with their vertices moved by one random smooth map, materials kept.
+def warp(parts: list[trimesh.Trimesh], rng: np.random.Generator) -> list[trimesh.Trimesh]:
+    """Return the parts with their vertices moved by one random smooth map, materials kept.
 
-    `parts` are in the object frame (box centred, longest side 1), and so is what comes back.
+    Input and output are in the object frame: box centered, longest side 1.
     """
     corners = np.concatenate([part.vertices[np.unique(part.faces)] for part in parts])
     half = np.maximum(corners.max(axis=0), 1e-9)

@@ -1,4 +1,4 @@
-"""The ceiling: how close the mapping function comes when theta is fitted to the object itself, without any image."""
+"""The ceiling: the mapping function with theta fitted to the object itself, without any image."""
 
 from typing import Final
 
@@ -15,15 +15,15 @@ from service.mapping.spec import MappingSpec, initial_theta
 Floats = npt.NDArray[np.float32]
 
 STEPS: Final = 1_000
-POINTS: Final = 1_000  # predicted and true, drawn anew in every step
+FIT_POINTS: Final = 1_000  # predicted and true, resampled in every step
 LEARNING_RATE: Final = 3e-3
 BATCH: Final = 13  # objects fitted at once
 
 
 def fit(spec: MappingSpec, clouds: Floats, seed: int = 0) -> Floats:
-    """theta of each cloud, by Adam on the Chamfer distance (paper, eq. 3) of f^k(X) to it.
+    """Fit theta to each cloud by Adam on the Chamfer distance (paper, eq. 3) of f^k(X) to it.
 
-    Every fit starts from the same initialisation; the learning rate falls to 0 along a cosine.
+    Every fit starts from the same initialization; the learning rate falls to 0 along a cosine.
 
     Parameters
     ----------
@@ -44,8 +44,8 @@ def _fit(spec: MappingSpec, clouds: Floats, seed: int, bar: "tqdm[None]") -> Flo
     optimizer = torch.optim.Adam([theta], lr=LEARNING_RATE)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, STEPS)
     for _ in range(STEPS):
-        canonical = canonical_points(spec.domain, POINTS, int(rng.integers(2**62)))
-        true = torch.from_numpy(clouds[:, rng.integers(clouds.shape[1], size=POINTS)])
+        canonical = canonical_points(spec.domain, FIT_POINTS, int(rng.integers(2**62)))
+        true = torch.from_numpy(clouds[:, rng.integers(clouds.shape[1], size=FIT_POINTS)])
         predicted = power(spec, theta, torch.from_numpy(canonical).expand(len(clouds), -1, -1))
         optimizer.zero_grad(set_to_none=True)
         chamfer(predicted, true).backward()  # type: ignore[no-untyped-call]

@@ -1,4 +1,4 @@
-"""The class of an object, by rules on its English name: catalogues sort by rooms, not by what things are."""
+"""Classes of objects, by rules on their English names: catalogs sort by room, not by kind."""
 
 import re
 from typing import Final
@@ -8,9 +8,9 @@ from model.data.manifest import Entry
 EVERYDAY: Final = ("chair", "table", "sofa", "bed", "lamp", "cabinet")
 OTHER: Final = "other"
 
-# The first rule whose words occur in the name wins; `not` stands for words that rule it out.
+# The first rule whose words occur in the name wins, unless one of its excluded words occurs too.
 RULES: Final[tuple[tuple[str, str, str], ...]] = (
-    # class, words, not
+    # class, words, excluded words
     ("lamp", r"\w*lamp\w*|lights?|spotlight|japanese lantern|fluorescent", ""),
     ("bed", r"beds?|crib|futon|opened convertible sofa", "couch"),
     ("sofa", "sofa|couch", ""),
@@ -40,11 +40,11 @@ _CATEGORIES: Final = {"Characters": "figure", "Vehicles": "vehicle", "Doors and 
 
 
 def class_of(entry: Entry) -> str:
-    """The class of an object: one of EVERYDAY, a few more, or OTHER."""
+    """Return the class of an object: one of EVERYDAY, another class of RULES, or OTHER."""
     if entry.category in _CATEGORIES:
         return _CATEGORIES[entry.category]
     name = entry.name.lower()
-    for found, words, excluded in RULES:
+    for label, words, excluded in RULES:
         if re.search(rf"\b({words})\b", name) and not (excluded and re.search(rf"\b({excluded})\b", name)):
-            return found
+            return label
     return OTHER

@@ -1,4 +1,4 @@
-"""Train and measure what the shipped model is compared with: one data set, split, trunk and number of steps."""
+"""Train and measure the methods that the shipped model is compared with, all on the same data, trunk and steps."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -22,15 +22,15 @@ COMPARED: Final = {
 
 
 def retrain(name: str, data: Path, split: Split, output: Path, steps: int, seed: int) -> Path:
-    """Train one of COMPARED in RUNS, or go on where it was stopped, and write its record; returns the record's path.
+    """Train one of COMPARED in RUNS, or resume it, write its record to `output`, and return the record's path.
 
     Raises
     ------
     FileNotFoundError : `data` holds no finished data set with its variants.
-    ValueError : no such method.
+    ValueError : `name` is not in COMPARED.
     """
     if name not in COMPARED:
-        raise ValueError(f"there is no method {name} to compare with: choose of {', '.join(COMPARED)}")
+        raise ValueError(f"unknown method {name!r}: choose one of {', '.join(COMPARED)}")
     run = RUNS / f"{name}-{steps}-{seed}"
     train(data, run, replace(COMPARED[name], steps=steps, seed=seed))
     path = output / f"{name}.json"

@@ -1,4 +1,4 @@
-"""One run of all that is compared without training anything: our encoder, the references, the conditions."""
+"""Records of encoders, trained runs, ceilings and references on a split. Nothing is trained here."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -10,9 +10,18 @@ import numpy.typing as npt
 from model.data.manifest import Split
 from model.evaluation.ceiling import fit
 from model.evaluation.conditions import Condition
-from model.evaluation.evaluate import POINTS, Case, Evaluation, cases, draw, encoder_answer, measure, measure_objects
+from model.evaluation.evaluate import (
+    PREDICTED_POINTS,
+    Case,
+    Evaluation,
+    cases,
+    draw,
+    encoder_answer,
+    measure,
+    measure_objects,
+)
 from model.evaluation.records import Decoder, Record
-from model.evaluation.references import Retrieval, Training, blob
+from model.evaluation.references import Retrieval, Training, matched_ellipsoid
 from model.evaluation.timing import mapping_decoder, network_decoder
 from model.metrics import compare, floor
 from model.provenance import provenance
@@ -26,9 +35,9 @@ COUNTS: Final = (1_000, 10_000, 100_000)  # predicted points, always against all
 MEAN_SHAPE: Final = "mean shape"
 RANDOM_SHAPE: Final = "random training shape"
 RETRIEVAL: Final = "image retrieval"
-ORACLE: Final = "oracle nearest neighbour"
-BLOB: Final = "blob that knows the truth"
-FLOOR: Final = "same surface, sampled again"
+ORACLE: Final = "oracle nearest neighbor"
+ELLIPSOID: Final = "moment-matched ellipsoid (oracle)"
+SAMPLING_FLOOR: Final = "sampling floor"
 CEILING: Final = "theta fitted to the object"
 
 
@@ -38,9 +47,9 @@ def encoder_record(
     split: Split,
     seed: int,
     conditions: tuple[Condition, ...] = ("plain",),
-    counts: tuple[int, ...] = (POINTS,),
+    counts: tuple[int, ...] = (PREDICTED_POINTS,),
 ) -> Record:
-    """An exported encoder on a split; the counts of points on plain images only.
+    """Measure an exported encoder on a split; `counts` of points apply to plain images only.
 
     Raises
     ------
@@ -48,20 +57,31 @@ def encoder_record(
     """
     objects, answer = list(cases(data, split)), encoder_answer(encoder)
     evaluations = [
-        found
+        evaluation
         for condition in conditions
-        for found in measure(
-            encoder.name, answer, objects, data, condition, counts if condition == "plain" else (POINTS,), seed
+        for evaluation in measure(
+            encoder.name,
+            answer,
+            objects,
+            data,
+            condition,
+            counts if condition == "plain" else (PREDICTED_POINTS,),
+            seed,
         )
     ]
-    made = {"digest": encoder.digest, "training": encoder.card.get("training", {}), **provenance(seed)}
-    return _record(encoder.name, split, objects, evaluations, made, mapping_decoder(encoder))
+    origin = {"digest": encoder.digest, "training": encoder.card.get("training", {}), **provenance(seed)}
+    return _record(encoder.name, split, objects, evaluations, origin, mapping_decoder(encoder))
 
 
 def run_record(
     run: Path, name: str, data: Path, split: Split, seed: int, conditions: tuple[Condition, ...] = ("plain",)
 ) -> Record:
-    """A trained network of any method, not exported, on a split. Raises as `encoder_record`."""
+    """Measure a trained network of any method, not exported, on a split.
+
+    Raises
+    ------
+    FileNotFoundError : no data set, no checkpoint, or a condition's images are not rendered.
+    """
     checkpoint = chosen_checkpoint(run)
     network, config, state = load_network(checkpoint)
     predict = predictor(network, config)
@@ -72,35 +92,35 @@ def run_record(
 
     objects = list(cases(data, split))
     training = {"steps": state["step"], "minutes": round(state["elapsed_s"] / 60, 1), "config": config.to_dict()}
-    made = {"training": training, **provenance(config.seed)}
-    evaluations = [found for which in conditions for found in measure(name, answer, objects, data, which, seed=seed)]
-    return _record(name, split, objects, evaluations, made, network_decoder(checkpoint))
+    origin = {"training": training, **provenance(config.seed)}
+    evaluations = [measure(name, answer, objects, data, condition, seed=seed)[0] for condition in conditions]
+    return _record(name, split, objects, evaluations, origin, network_decoder(checkpoint))
 
 
 def ceiling_record(encoder: Encoder, data: Path, split: Split, seed: int) -> Record:
-    """theta fitted directly to the points of each object of a split, with the encoder's spec."""
+    """Measure theta fitted directly to the points of each object of a split, with the encoder's spec."""
     spec, objects = encoder.spec, list(cases(data, split))
     thetas = fit(spec, np.stack([case.points for case in objects]), seed=seed)
     fitted = {case.entry.id: theta for case, theta in zip(objects, thetas, strict=True)}
     name = f"{CEILING} ({spec.name}, k = {spec.k})"
-    found = measure_objects(name, lambda case: compare(draw(spec, fitted[case.entry.id]), case.points), objects)
-    return _record(name, split, objects, [found], provenance(seed), None)
+    evaluation = measure_objects(name, lambda case: compare(draw(spec, fitted[case.entry.id]), case.points), objects)
+    return _record(name, split, objects, [evaluation], provenance(seed), None)
 
 
 def references(data: Path, split: Split, seed: int, conditions: tuple[Condition, ...] = ("plain",)) -> list[Evaluation]:
-    """The answers that need no training; image retrieval under every condition."""
+    """Measure the references, which need no training; image retrieval under every condition."""
     objects, training = list(cases(data, split)), Training.read(data)
-    pool, retrieval = training.mean_shape(POINTS, seed), Retrieval(data, training)
+    pool, retrieval = training.mean_shape(PREDICTED_POINTS, seed), Retrieval(data, training)
     shapes: dict[str, Callable[[Case], Floats]] = {
         MEAN_SHAPE: lambda _: pool,
         RANDOM_SHAPE: lambda case: training.random_shape(case.entry.id, seed),
         ORACLE: lambda case: training.oracle(case.points),
-        BLOB: lambda case: blob(case.points, seed),
+        ELLIPSOID: lambda case: matched_ellipsoid(case.points, seed),
     }
     return [
         *(measure(RETRIEVAL, retrieval, objects, data, condition, seed=seed)[0] for condition in conditions),
         *(_shape(name, shape, objects) for name, shape in shapes.items()),
-        measure_objects(FLOOR, lambda case: floor(case.points), objects),
+        measure_objects(SAMPLING_FLOOR, lambda case: floor(case.points), objects),
     ]
 
 
@@ -113,7 +133,7 @@ def _record(
     split: Split,
     objects: list[Case],
     evaluations: list[Evaluation],
-    made: dict[str, Any],
+    origin: dict[str, Any],
     decoder: Decoder | None,
 ) -> Record:
-    return Record(name, split, decoder, made, tuple(case.entry.id for case in objects), tuple(evaluations))
+    return Record(name, split, decoder, origin, tuple(case.entry.id for case in objects), tuple(evaluations))

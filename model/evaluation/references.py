@@ -1,4 +1,4 @@
-"""Answers that need no training: what any trained method has to be better than, and the best one could hope for."""
+"""References that need no training: lower bounds that a trained method must beat, and upper bounds."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from model.data.manifest import Entry, Manifest
+from model.data.manifest import COLORS, Entry, Manifest
 from model.evaluation.features import FRAMING, Features, training_bank
 from model.metrics import nearest
 from service.encoding.framing import preprocess
@@ -15,8 +15,8 @@ from service.encoding.framing import preprocess
 Floats = npt.NDArray[np.float32]
 Bytes = npt.NDArray[np.uint8]
 
-COARSE: Final = 1_000  # points per cloud when the oracle looks at all training objects
-SHORTLIST: Final = 20  # of them are then compared by all their points
+COARSE_POINTS: Final = 1_000  # per cloud when the oracle compares all training objects
+SHORTLIST: Final = 20  # objects that are then compared by all their points
 
 
 @dataclass(frozen=True)
@@ -28,29 +28,34 @@ class Training:
 
     @classmethod
     def read(cls, data: Path) -> "Training":
-        """Raises FileNotFoundError without a finished data set."""
+        """Read the training objects.
+
+        Raises
+        ------
+        FileNotFoundError : `data` holds no finished data set.
+        """
         entries = list(Manifest.read(data).of("train"))
         return cls(entries, np.stack([_points(data, entry) for entry in entries]))
 
     def mean_shape(self, n: int, seed: int) -> Floats:
-        """n points drawn from all training objects' points together."""
-        drawn = np.random.default_rng(seed).integers([len(self.points), self.points.shape[1]], size=(n, 2))
-        pool: Floats = self.points[drawn[:, 0], drawn[:, 1]]
+        """Draw n points from all training objects' points together, (n, 3)."""
+        index = np.random.default_rng(seed).integers([len(self.points), self.points.shape[1]], size=(n, 2))
+        pool: Floats = self.points[index[:, 0], index[:, 1]]
         return pool
 
     def random_shape(self, id_: str, seed: int) -> Floats:
-        """The points of some training object, the same one for the same id and seed."""
+        """Return the points of a random training object, the same one for the same id and seed."""
         return self._object(int(np.random.default_rng([seed, *id_.encode()]).integers(len(self.points))))
 
     def oracle(self, true: Floats) -> Floats:
-        """The training object with the lowest summed cd_epcg to the true points (m, 3): its points.
+        """Return the points of the training object with the lowest summed cd_epcg to the true points (m, 3).
 
-        All are compared by COARSE points, the best SHORTLIST by all of theirs.
+        All objects are compared by COARSE_POINTS, the best SHORTLIST by all of theirs.
         """
-        coarse = true[:COARSE]
-        sums = [_summed(points[:COARSE], coarse) for points in self.points]
+        coarse = true[:COARSE_POINTS]
+        sums = [summed_distance(points[:COARSE_POINTS], coarse) for points in self.points]
         best = np.argsort(sums)[:SHORTLIST]
-        exact = [_summed(self.points[index], true) for index in best]
+        exact = [summed_distance(self.points[index], true) for index in best]
         return self._object(int(best[int(np.argmin(exact))]))
 
     def _object(self, index: int) -> Floats:
@@ -58,9 +63,11 @@ class Training:
         return points
 
 
-def blob(true: Floats, seed: int) -> Floats:
-    """The ellipsoid with the true points' mean and covariance: as many points, spread as over a sphere that is
-    stretched, (m, 3) -> (m, 3). What has no more shape than a place, a size and a slant."""
+def matched_ellipsoid(true: Floats, seed: int) -> Floats:
+    """Draw points on the ellipsoid with the true points' mean and covariance, (m, 3) -> (m, 3).
+
+    An oracle without shape: it knows position, size and orientation of the object, nothing else.
+    """
     directions = np.random.default_rng(seed).normal(size=true.shape)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)  # of covariance 1/3
     values, axes = np.linalg.eigh(np.cov(true.T))
@@ -70,7 +77,7 @@ def blob(true: Floats, seed: int) -> Floats:
 
 
 class Retrieval:
-    """The training object whose image, of any of its views, has the features most like the photo's."""
+    """Image retrieval: the training object with the view whose features are most similar to the photo's."""
 
     def __init__(self, data: Path, training: Training) -> None:
         self._data = data
@@ -79,23 +86,24 @@ class Retrieval:
         self._training = training
 
     def __call__(self, photo: bytes, n: int) -> Floats:
-        """An image file's bytes, framed as the service frames them -> n of the found object's points (n, 3)."""
-        points: Floats = self._training.points[self._find(photo), :n]
+        """Return n points of the matching object (n, 3) for an image file, framed as the service frames it."""
+        points: Floats = self._training.points[self._match(photo), :n]
         return points
 
     def surface(self, photo: bytes) -> tuple[Floats, Bytes]:
-        """All of the found object's points (10000, 3), and their colours (10000, 3) uint8."""
-        found = self._find(photo)
-        with np.load(self._data / self._training.entries[found].file) as arrays:
-            colours: Bytes = arrays["colours"]
-        points: Floats = self._training.points[found]
-        return points, colours
+        """Return all points of the matching object (10000, 3), and their colors (10000, 3) uint8."""
+        match = self._match(photo)
+        with np.load(self._data / self._training.entries[match].file) as arrays:
+            colors: Bytes = arrays[COLORS]
+        points: Floats = self._training.points[match]
+        return points, colors
 
-    def _find(self, photo: bytes) -> int:
-        return self._bank.nearest(self._features(preprocess(photo, FRAMING).tensor)[0])
+    def _match(self, photo: bytes) -> int:
+        return self._bank.most_similar(self._features(preprocess(photo, FRAMING).tensor)[0])
 
 
-def _summed(a: Floats, b: Floats) -> float:
+def summed_distance(a: Floats, b: Floats) -> float:
+    """Return cd_epcg between two clouds (n, 3) and (m, 3), both directions summed, in longest sides."""
     return float(nearest(a, b).mean() + nearest(b, a).mean())
 
 

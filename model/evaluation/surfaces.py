@@ -1,8 +1,7 @@
-"""Ways to make a surface of an object, measured: the one that the service has, and those that start from points.
+"""Measure ways to make a surface of an object: the service's way, and ways that start from points.
 
-Every way starts from the same thetas, those of one view of an object, and is judged by points that are drawn
-uniformly from its surface. Parameters were chosen on the validation split, but for MeshLab's, which were
-set once for so many points.
+Every way starts from the same thetas, one view per object, and is measured by points drawn uniformly from its surface.
+Parameters were chosen on the validation split, except MeshLab's, which were set once for this number of points.
 """
 
 import json
@@ -22,7 +21,7 @@ from tqdm import tqdm
 
 from model.data.manifest import Split
 from model.evaluation.conditions import png
-from model.evaluation.evaluate import POINTS, VIEWS, Case, cases, encoded
+from model.evaluation.evaluate import PREDICTED_POINTS, VIEWS, Case, cases, encode_photo
 from model.metrics import compare
 from model.provenance import provenance
 from service.encoding.encoder import Encoder
@@ -33,25 +32,25 @@ from service.mapping.surface import shells, surface_of
 
 Floats = npt.NDArray[np.float32]
 Indices = npt.NDArray[np.integer[Any]]
-Way = Callable[[Sampler], tuple[Floats, Indices]]  # an object -> vertices (v, 3) and triangles (t, 3)
+Way = Callable[[Sampler], tuple[Floats, Indices]]  # object -> vertices (v, 3) and triangles (t, 3)
 
 CLOUD: Final = "its points"
 SERVED: Final = "shells through f, cut"
 METRICS: Final = ("f@1%", "f@2%")
-EVERY: Final = 3  # object of the split: MeshLab takes seconds for each
+STRIDE: Final = 3  # every third object of the split: MeshLab takes seconds per object
 DENSE: Final = 200_000  # points in a grid
-SPARSE: Final = 20_000  # points to be joined
+SPARSE: Final = 20_000  # points that are joined by triangles
 CELLS: Final = 128  # along the longest side
-SMOOTHING: Final = 0.7  # cells: of the Gaussian over a grid
-OUTSIDE: Final = 0.1  # share of the points that a density's level leaves outside
-DISTANCE: Final = 0.01  # longest sides: between the points and a surface around them
-DEPTH: Final = 7  # of Poisson's octree
+SMOOTHING: Final = 0.7  # cells, standard deviation of the Gaussian over a grid
+OUTSIDE: Final = 0.1  # share of the points outside the density's level
+DISTANCE: Final = 0.01  # longest sides, between the points and a surface around them
+DEPTH: Final = 7  # Poisson's octree
 BALL: Final = 1.5  # the pivoting ball's radius, % of the bounding box's diagonal
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One way: of each object the F-scores, whether its surface is closed, its triangles and CPU milliseconds."""
+    """Measurements of one way, per object: F-scores, whether the surface is closed, triangles, CPU milliseconds."""
 
     way: str
     figures: dict[str, list[float]]
@@ -60,15 +59,18 @@ class Trial:
     ms: list[float]
 
     def mean(self, metric: str) -> float:
-        """Over objects."""
+        """Return the metric's mean over objects."""
         return float(np.mean(self.figures[metric]))
 
 
 @dataclass(frozen=True)
 class Trials:
-    """All ways on the same objects; `made` tells model, split, machine, date and commit. The first is the points."""
+    """All ways on the same objects; the first trial is the points themselves.
 
-    made: dict[str, Any]
+    origin : model, split, machine, date and commit. The file's key is `made`.
+    """
+
+    origin: dict[str, Any]
     trials: list[Trial]
 
     def write(self, path: Path) -> None:
@@ -76,55 +78,55 @@ class Trials:
         path.parent.mkdir(parents=True, exist_ok=True)
         rows = ",\n  ".join(json.dumps(asdict(trial)) for trial in self.trials)
         with whole_file(path) as file:
-            file.write(f'{{\n "made": {json.dumps(self.made)},\n "trials": [\n  {rows}\n ]\n}}\n'.encode())
+            file.write(f'{{\n "made": {json.dumps(self.origin)},\n "trials": [\n  {rows}\n ]\n}}\n'.encode())
 
     @classmethod
     def read(cls, path: Path) -> "Trials":
-        """Inverse of `write`."""
+        """Read a file that `write` wrote."""
         fields = json.loads(path.read_text(encoding="utf-8"))
         return cls(fields["made"], [Trial(**trial) for trial in fields["trials"]])
 
 
 def through_f(sampler: Sampler) -> tuple[Floats, Indices]:
-    """As the service makes it."""
+    """Make the surface as served."""
     surface = surface_of(sampler)
     return surface.vertices, surface.triangles
 
 
 def whole_shells(sampler: Sampler) -> tuple[Floats, Indices]:
-    """The same without cutting what f tears apart."""
+    """Make the surface as served, without cutting what f tears apart."""
     points, triangles = shells(sampler.domain, 64)
     return sampler.map(points), triangles
 
 
 def one_icosphere(sampler: Sampler) -> tuple[Floats, Indices]:
-    """The unit sphere alone, not cut: of a solid domain its border."""
+    """Map the unit sphere alone, not cut; for a solid domain this is its border."""
     points, triangles = shells("sphere", 64)
     return sampler.map(points), triangles
 
 
 def density(sampler: Sampler) -> tuple[Floats, Indices]:
-    """Marching cubes at a level of the points' smoothed density."""
+    """Run marching cubes at a level of the points' smoothed density."""
     counts, cells, low, size = _grid(sampler.points(DENSE))
     smooth = ndimage.gaussian_filter(counts, SMOOTHING)
     return _march(smooth, float(np.quantile(smooth[tuple(cells.T)], OUTSIDE)), low, size)
 
 
 def distance(sampler: Sampler) -> tuple[Floats, Indices]:
-    """Marching cubes at a distance from the nearest cell that holds a point."""
+    """Run marching cubes at a distance from the nearest cell that holds a point."""
     counts, _, low, size = _grid(sampler.points(DENSE))
     nearest = ndimage.distance_transform_edt(counts == 0).astype(np.float32)
     return _march(ndimage.gaussian_filter(-nearest, SMOOTHING), -max(DISTANCE / size, 0.6), low, size)
 
 
 def poisson(sampler: Sampler) -> tuple[Floats, Indices]:
-    """Screened Poisson (Kazhdan and Hoppe 2013) of MeshLab, normals by 16 neighbours."""
+    """Run MeshLab's screened Poisson (Kazhdan and Hoppe 2013), normals from 16 neighbors."""
     parameters: dict[str, object] = {"depth": DEPTH, "threads": 1, "preclean": True}
     return _meshlab(sampler.points(SPARSE), "generate_surface_reconstruction_screened_poisson", parameters)
 
 
 def ball_pivoting(sampler: Sampler) -> tuple[Floats, Indices]:
-    """Ball pivoting (Bernardini et al. 1999) of MeshLab."""
+    """Run MeshLab's ball pivoting (Bernardini et al. 1999)."""
     import pymeshlab
 
     parameters = {"ballradius": pymeshlab.PercentageValue(BALL)}
@@ -143,41 +145,41 @@ WAYS: Final[dict[str, Way]] = {
 
 
 def measure_surfaces(model: Path, data: Path, split: Split, seed: int = 0) -> Trials:
-    """Every way on one view of every third object of a split; BLAS on one thread.
+    """Measure every way on one view of every third object of a split; BLAS on one thread.
 
     Raises
     ------
     FileNotFoundError : no data set.
     """
     encoder = Encoder.open(model, threads=1)
-    objects = list(cases(data, split))[::EVERY]
+    objects = list(cases(data, split))[::STRIDE]
     samplers = [_sampler(encoder, case) for case in objects]
     with threadpool_limits(1):
         trials = [_points_trial(samplers, objects)]
         for way, make in WAYS.items():
             trials.append(_trial(way, make, samplers, objects, seed))
-    made = {"model": encoder.name, "split": split, "objects": len(objects), **provenance(seed)}
-    return Trials(made, trials)
+    origin = {"model": encoder.name, "split": split, "objects": len(objects), **provenance(seed)}
+    return Trials(origin, trials)
 
 
 def _sampler(encoder: Encoder, case: Case) -> Sampler:
-    return Sampler(encoder.spec, word_of(encoder.spec, encoded(encoder, png(case.views[VIEWS[0]])).theta))
+    return Sampler(encoder.spec, word_of(encoder.spec, encode_photo(encoder, png(case.views[VIEWS[0]])).theta))
 
 
 def _points_trial(samplers: Sequence[Sampler], objects: Sequence[Case]) -> Trial:
-    timed = [_timed(sampler.points, POINTS) for sampler in samplers]
+    timed = [_timed(sampler.points, PREDICTED_POINTS) for sampler in samplers]
     figures = [compare(points, case.points) for (points, _), case in zip(timed, objects, strict=True)]
     return Trial(CLOUD, _columns(figures), [], [], [ms for _, ms in timed])
 
 
 def _trial(way: str, make: Way, samplers: Sequence[Sampler], objects: Sequence[Case], seed: int) -> Trial:
-    make(samplers[0])  # loads what it needs
+    make(samplers[0])  # warm up: imports and caches
     figures, closed, triangles, times = [], [], [], []
     for sampler, case in tqdm(list(zip(samplers, objects, strict=True)), desc=way, unit="object"):
         (vertices, corners), ms = _timed(make, sampler)
         mesh = trimesh.Trimesh(vertices, corners, process=False)
-        drawn, _ = trimesh.sample.sample_surface(mesh, POINTS, seed=seed)
-        figures.append(compare(drawn.astype(np.float32), case.points))
+        points, _ = trimesh.sample.sample_surface(mesh, PREDICTED_POINTS, seed=seed)
+        figures.append(compare(points.astype(np.float32), case.points))
         closed.append(bool(mesh.is_watertight))
         triangles.append(len(corners))
         times.append(ms)
@@ -185,7 +187,7 @@ def _trial(way: str, make: Way, samplers: Sequence[Sampler], objects: Sequence[C
 
 
 def _timed(call: Callable[..., Any], *arguments: object) -> tuple[Any, float]:
-    """What a call gives, and its CPU milliseconds."""
+    """Return the result of a call, and its CPU milliseconds."""
     started = time.process_time()
     result = call(*arguments)
     return result, round(1000 * (time.process_time() - started), 2)
@@ -196,7 +198,7 @@ def _columns(figures: Sequence[dict[str, float]]) -> dict[str, list[float]]:
 
 
 def _grid(points: Floats) -> tuple[Floats, npt.NDArray[np.int64], Floats, float]:
-    """Points in each cell (a, b, c) float32, each point's cell (n, 3), the first cell's centre, a cell's side."""
+    """Return points per cell (a, b, c) float32, each point's cell (n, 3), the first cell's center, a cell's side."""
     margin = 4
     low, high = points.min(axis=0), points.max(axis=0)
     size = float((high - low).max()) / CELLS
@@ -212,7 +214,7 @@ def _march(field: Floats, level: float, low: Floats, size: float) -> tuple[Float
 
 
 def _meshlab(points: Floats, name: str, parameters: dict[str, object]) -> tuple[Floats, Indices]:
-    """What a filter of MeshLab makes of points (n, 3)."""
+    """Run a MeshLab filter on points (n, 3); return vertices and triangles."""
     import pymeshlab
 
     meshes = pymeshlab.MeshSet(verbose=False)

@@ -1,4 +1,4 @@
-"""What a method costs: its decoder's size, and milliseconds on one core (medians)."""
+"""Cost of a method: its decoder's size, and median milliseconds on one core."""
 
 import statistics
 import time
@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from model.evaluation.evaluate import POINTS, draw
+from model.evaluation.evaluate import PREDICTED_POINTS, draw
 from model.evaluation.records import Decoder
 from model.networks.decoders import Hof
 from model.training.checkpoints import load_network, predictor
@@ -20,7 +20,7 @@ REPEATS: Final = 50
 
 
 def median_ms(call: Callable[[], object], repeats: int = REPEATS) -> float:
-    """Median milliseconds of a call, after one that does not count."""
+    """Return the median milliseconds of a call, after one warm-up call."""
     call()
     times = []
     for _ in range(repeats):
@@ -31,41 +31,41 @@ def median_ms(call: Callable[[], object], repeats: int = REPEATS) -> float:
 
 
 def encoder_ms(data: bytes) -> float:
-    """Milliseconds of one image through an ONNX file, onnxruntime on one thread."""
+    """Return the milliseconds of one image through an ONNX file, onnxruntime on one thread."""
     return median_ms(Encoder(data, threads=1).warm_up)
 
 
 def mapping_decoder(encoder: Encoder) -> Decoder:
-    """The mapping function, k times applied, as the service samples it."""
+    """Measure the mapping function, applied k times, as the service samples it."""
     spec = encoder.spec
-    grey = np.full((1, 3, encoder.framing.size, encoder.framing.size), 0.5, np.float32)
-    theta = encoder.encode(grey)[0].theta
+    gray = np.full((1, 3, encoder.framing.size, encoder.framing.size), 0.5, np.float32)
+    theta = encoder.encode(gray)[0].theta
     return Decoder(spec.size, len(spec.hidden) + 1, median_ms(lambda: draw(spec, theta)))
 
 
-class Known(nn.Module):
-    """In the place of an image encoder: what it made of one image, whatever image comes."""
+class FixedFeatures(nn.Module):
+    """Stand-in for an image encoder that returns the same features for every image."""
 
     def __init__(self, features: Tensor) -> None:
         super().__init__()
         self.features = features
 
     def forward(self, images: Tensor) -> Tensor:
-        """(b, 3, s, s) -> the one image's features."""
+        """Return the fixed features, whatever the images (b, 3, s, s) are."""
         return self.features
 
 
 def network_decoder(checkpoint: Path) -> Decoder:
-    """A trained network's decoder in torch on one thread, canonical points included."""
+    """Measure a trained network's decoder in torch on one thread, canonical points included."""
     network, config, _ = load_network(checkpoint)
     images = np.ones((1, 3, config.framing.size, config.framing.size), np.float32)
     before = "encoder" if isinstance(network, Hof) else "trunk"
     with torch.no_grad():
-        setattr(network, before, Known(network.get_submodule(before)(torch.from_numpy(images))))
+        setattr(network, before, FixedFeatures(network.get_submodule(before)(torch.from_numpy(images))))
     predict, threads = predictor(network, config), torch.get_num_threads()
     torch.set_num_threads(1)
     try:
-        ms = median_ms(lambda: predict(images, POINTS, 0))
+        ms = median_ms(lambda: predict(images, PREDICTED_POINTS, 0))
     finally:
         torch.set_num_threads(threads)
     if isinstance(network, Hof):

@@ -1,4 +1,4 @@
-"""The model card: what a weights file says of itself, and the page made from it."""
+"""The model card: metadata of a weights file, and its Markdown page."""
 
 from typing import Any
 
@@ -12,41 +12,41 @@ from model.report.tables import table
 
 TRUNKS = {
     "dense": "the paper's DenseNet, trained from scratch",
-    "lite0": "EfficientNet-Lite0's convolutions (Apache-2.0), trained on ImageNet before",
+    "lite0": "EfficientNet-Lite0's convolutions (Apache-2.0), pretrained on ImageNet",
 }
-LICENCE = "Apache-2.0; trained on CC-BY and CC0 meshes, attribution in NOTICE"  # of what is trained on Sweet Home 3D
+LICENSE = "Apache-2.0; trained on CC-BY and CC0 meshes, attribution in NOTICE"  # of models trained on Sweet Home 3D
 LIMITS = (
-    "The object frame has the front at +Z; from a view of the back the model must guess which way that is.",
-    "Thin parts (chair legs, lamp stems) come out thicker or thinner than they are, and unseen sides are guesses.",
-    "Scale is not known from a photo: the longest side is 1 unless you pass `scale`.",
+    "The front of an object is at +Z. From a view of the back the model guesses where the front is.",
+    "Thin parts (chair legs, lamp stems) come out too thick or too thin, and unseen sides are guesses.",
+    "A photo does not show scale: the longest side is 1 unless you pass `scale`.",
 )
 COLOR_LIMIT = (
-    "Colours are what the materials have without light, guessed from a photo with it: about right on large parts, "
-    "and blurred over patterns and small ones."
+    "Colors are those of the materials without light, estimated from a lit photo: about right on large parts, "
+    "blurred over patterns and small parts."
 )
-NO_COLOR_LIMIT = "Geometry only: no colour."
+NO_COLOR_LIMIT = "Geometry only: no color."
 
 
 def make_card(
     name: str, config: TrainConfig, run: dict[str, Any], manifest: Manifest, color: dict[str, Any] | None = None
 ) -> dict[str, Any]:
-    """The card of a trained encoder, before its figures.
+    """Return the card of a trained encoder, without its figures.
 
     Parameters
     ----------
     run : `step` and `elapsed_s` of the checkpoint.
-    color : how the colour head was trained; None where there is none.
+    color : training of the color head; None without one.
     """
     sizes = {split: sum(1 for _ in manifest.of(split)) for split in SPLITS}
     is_known = {entry.id for entry in manifest.entries} <= set(frozen_split())
-    licences = sorted({f"{entry.source}: {entry.licence}" for entry in manifest.entries})
+    licenses = sorted({f"{entry.source}: {entry.license}" for entry in manifest.entries})
     return {
         "name": name,
         "version": "1",
-        "license": LICENCE if is_known else f"not told; trained on meshes under: {'; '.join(licences)}",
+        "license": LICENSE if is_known else f"unspecified; trained on meshes under: {'; '.join(licenses)}",
         "trunk": TRUNKS[config.encoder.trunk],
         "method": "Higher-Order Function networks (Mitchell, Engin, Isler, Lee; ICLR 2020)",
-        "data": {"objects": sizes, "seed": manifest.seed, "licences": licences, "made": config.made},
+        "data": {"objects": sizes, "seed": manifest.seed, "licences": licenses, "made": config.made},
         "training": {
             "minutes": round(run["elapsed_s"] / 60, 1),
             "steps": run["step"],
@@ -59,49 +59,49 @@ def make_card(
 
 
 def _seen(manifest: Manifest, config: TrainConfig) -> str:
-    """What training showed, and so what it did not."""
-    shown = list(manifest.of("train"))
-    kinds = ", ".join(sorted({entry.category for entry in shown}))
+    """Return a sentence on the training images, and so on what they lack."""
+    objects = list(manifest.of("train"))
+    kinds = ", ".join(sorted({entry.category for entry in objects}))
     varied = ", stretched, warped, seen from 5 degrees below to 55 degrees above" if config.variants else ""
-    made = ", and as often of furniture and other things made by rule" if config.made else ""
+    pieces = ", and on as many renders of procedural furniture and other things" if config.made else ""
     return (
-        f"Trained on renders of {len(shown)} objects ({kinds}), mirrored{varied}{made}, and on no photograph of an "
-        "object: other things give rough shapes that look like one of them."
+        f"Trained on renders of {len(objects)} objects ({kinds}), mirrored{varied}{pieces}. It has seen no photograph "
+        "of an object. Other things give rough shapes that resemble one of these."
     )
 
 
 def figures(evaluations: list[Evaluation]) -> dict[str, dict[str, list[float]]]:
-    """method -> metric -> [mean, low, high], the 95% bootstrap interval over objects."""
+    """Return method -> metric -> [mean, low, high], the 95% bootstrap interval over objects."""
     return {
-        found.method: {name: [round(value, 4) for value in interval(found.column(name))] for name in NAMES}
-        for found in evaluations
+        each.method: {name: [round(value, 4) for value in interval(each.column(name))] for name in NAMES}
+        for each in evaluations
     }
 
 
 def page(card: dict[str, Any], parameters: int, bytes_: int) -> str:
-    """The card as a Markdown page."""
+    """Return the card as a Markdown page."""
     training, data, color, exported = card["training"], card["data"], card.get("color"), card["exported"]
-    made = " Beside them pieces made by rule, most of them furniture." if data.get("made") else ""
+    pieces = " Also procedural pieces, most of them furniture." if data.get("made") else ""
     views = "24 renders each" + (" and more under free cameras" if training["config"]["variants"] else "")
-    coloured = (
+    color_head = (
         f"a head on the frozen encoder, {color['images']:,} images, {color['minutes']} minutes" if color else "none"
     )
     means = [[method, *(f"{values[name][0]:.3f}" for name in NAMES)] for method, values in card["figures"].items()]
     return f"""# Model card: {card["name"]}
 
-Written by `hof-model export` from the file's own metadata. `GET /model` serves the same.
+Written by `hof-model export` from the metadata of the file. `GET /model` serves the same data.
 
-- **What**: one RGB image of an object -> theta, the {training["config"]["spec"]["name"]} mapping function of
-  {parameters:,} numbers, to be applied k = {training["config"]["spec"]["k"]} times. {card["method"]}.
+- **Function**: one RGB image of an object -> theta, the {training["config"]["spec"]["name"]} mapping function of
+  {parameters:,} numbers, applied k = {training["config"]["spec"]["k"]} times. {card["method"]}.
 - **Image encoder**: {card["trunk"]}; images of {training["config"]["framing"]["size"]} pixels a side.
 - **File**: `{card["name"]}.onnx`, {bytes_:,} bytes; matrices stored as float16, computed in float32.
-- **Licence**: {card["license"]}.
+- **License**: {card["license"]}.
 - **Data**: {data["objects"]["train"]} training, {data["objects"]["val"]} validation and {data["objects"]["test"]} test
-  objects, split by object after removing duplicates, {views}. Sources: {"; ".join(data["licences"])}.{made}
-- **Training**: {training["minutes"]} minutes, {training["steps"]:,} steps, those of the runs that it started from
-  included; seed {training["config"]["seed"]} in the last. Exported {exported["date"]} on {exported["machine"]}, commit
+  objects, split by object after removing duplicates, {views}. Sources: {"; ".join(data["licences"])}.{pieces}
+- **Training**: {training["minutes"]} minutes and {training["steps"]:,} steps, including the runs that it started
+  from; seed {training["config"]["seed"]} in the last run. Exported {exported["date"]} on {exported["machine"]}, commit
   {exported["commit"]}.
-- **Colour**: {coloured}.
+- **Color**: {color_head}.
 
 ## Figures on the test split
 

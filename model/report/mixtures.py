@@ -1,4 +1,4 @@
-"""The section of RESULTS.md on mixtures: written from the files of `hof-model mixtures`, its words too."""
+"""Write the section of RESULTS.md on mixtures from the records of `hof-model mixtures`, verdict included."""
 
 from pathlib import Path
 
@@ -7,10 +7,10 @@ import numpy as np
 from model.data.manifest import Split
 from model.evaluation.mixtures import (
     AVERAGE,
+    CLOUD_POINTS,
     COPY,
     FIGURES,
     PAIRS,
-    POINTS,
     SHOWN,
     Mixtures,
     even_words,
@@ -25,86 +25,95 @@ from service.encoding.encoder import Encoder
 
 
 def write(encoder: Encoder, data: Path, split: Split, root: Path, seed: int = 0) -> str:
-    """Measure a model's mixtures; write the figures and the picture below `root`. Returns what RESULTS.md will say."""
-    found, picture = measure(encoder, data, split, seed)
-    found.write(root / MIXTURES / f"{encoder.name}.json")
+    """Measure a model's mixtures, write figures and picture below `root`, and return their part of RESULTS.md."""
+    mixtures, picture = measure(encoder, data, split, seed)
+    mixtures.write(root / MIXTURES / f"{encoder.name}.json")
     picture.quantize(64).save(root / MIXTURES / f"{encoder.name}.png", optimize=True)
-    return _of_model(found)
+    return _of_model(mixtures)
 
 
 def section(root: Path) -> str:
-    """The whole section; empty where nothing has been measured. Raises ValueError for a file of something else."""
-    found = [Mixtures.read(path) for path in sorted((root / MIXTURES).glob("*.json"))]
-    if not found:
+    """Return the section, empty if nothing has been measured.
+
+    Raises
+    ------
+    ValueError : a file in the folder holds something else.
+    """
+    records = [Mixtures.read(path) for path in sorted((root / MIXTURES).glob("*.json"))]
+    if not records:
         return ""
     return f"""## Mixtures
 
-Of two objects A and B a k-mapping makes words, *f*_A(*f*_B(x)) say; or the numbers of their thetas are averaged. The
-paper finds that words give coherent objects and that averages do not. `hof-model mixtures --model FILE` measures it on
-{PAIRS} random pairs of objects, half of one class and half of two, as far as there are so many; each object is encoded
-from one view. Distances are cd_epcg, both directions summed, x100, {POINTS:,} against {POINTS:,} points: to the nearest
-of all training objects, and to other samples of the objects A and B as the model draws them. A copy is at most {COPY}
-times as far from a parent as another sample of that parent is.
+A k-mapping composes two objects A and B into words such as *f*_A(*f*_B(x)); the alternative is to average their thetas.
+The paper finds that words give coherent objects and averages do not. `hof-model mixtures --model FILE` measures this on
+{PAIRS} random pairs of objects, half within a class and half across classes if there are enough; each object is encoded
+from one view. Distances are cd_epcg, both directions summed, x100, {CLOUD_POINTS:,} against {CLOUD_POINTS:,} points: to
+the nearest of all training objects, and to other samples of the objects A and B as the model draws them. A mixture is a
+copy if it is at most {COPY} times as far from a parent as another sample of that parent is.
 
-{chr(10).join(_of_model(each) for each in found)}"""
+{chr(10).join(_of_model(each) for each in records)}"""
 
 
-def _of_model(found: Mixtures) -> str:
-    count = int(found.in_class.sum())
-    words = ", ".join(word for row in rows_of_words(found.k) for word in row)
-    return f"""### {found.model}, k = {found.k}
+def _of_model(mixtures: Mixtures) -> str:
+    count = int(mixtures.in_class.sum())
+    words = ", ".join(word for row in rows_of_words(mixtures.k) for word in row)
+    return f"""### {mixtures.model}, k = {mixtures.k}
 
-{len(found.pairs)} pairs of the {found.split} split, {count} of one class, {len(found.pairs) - count} of two; sha256
-{found.made["digest"][:16]}, commit {found.made["commit"]}, seed {found.made["seed"]}.
+{len(mixtures.pairs)} pairs of the {mixtures.split} split, {count} within a class, {len(mixtures.pairs) - count} across
+classes; sha256 {mixtures.origin["digest"][:16]}, commit {mixtures.origin["commit"]}, seed {mixtures.origin["seed"]}.
 
-{_distances(found)}
+{_distances(mixtures)}
 
-Differences pair by pair of the distance to the nearest training object, with the paired interval; bold where it
-excludes 0. Words: the mean of {" and ".join(even_words(found.k))}.
+Paired differences of the distance to the nearest training object, with their interval, bold where it excludes 0. Words:
+the mean of {" and ".join(even_words(mixtures.k))}.
 
-{_differences(found)}
+{_differences(mixtures)}
 
-{verdict(found)}
+{verdict(mixtures)}
 
 The first {SHOWN} pairs of each kind: {words} and the average.
 
-![mixtures of {found.model}]({MIXTURES}/{found.model}.png)
+![mixtures of {mixtures.model}]({MIXTURES}/{mixtures.model}.png)
 """
 
 
-def _distances(found: Mixtures) -> str:
-    """Every mixture, then its parents, over all pairs."""
+def _distances(mixtures: Mixtures) -> str:
+    """Return the table of distances: every mixture, then its parents, over all pairs."""
     rows = []
-    for name in [*mixed_words(found.k), AVERAGE]:
-        of = found.figures[name]
+    for name in [*mixed_words(mixtures.k), AVERAGE]:
+        of = mixtures.figures[name]
         figures = [of["nearest"], of["to_a"], of["to_b"], np.minimum(of["to_a"], of["to_b"])]
-        rows.append([name, *(spread(interval(each)) for each in figures), f"{100 * found.copies(name).mean():.1f}%"])
+        rows.append([name, *(spread(interval(each)) for each in figures), f"{100 * mixtures.copies(name).mean():.1f}%"])
     for name in "AB":
-        of = found.figures[name]
+        of = mixtures.figures[name]
         rows.append([f"the object {name}", *(spread(interval(of[figure])) for figure in FIGURES), "-", "-"])
     return table(["mixture", "to the nearest training object", "to A", "to B", "to the nearer parent", "copies"], rows)
 
 
-def _differences(found: Mixtures) -> str:
-    words, average, parents = found.words("nearest"), found.figures[AVERAGE]["nearest"], found.parents("nearest")
-    in_class = found.in_class
+def _differences(mixtures: Mixtures) -> str:
+    words, average, parents = (
+        mixtures.words("nearest"),
+        mixtures.figures[AVERAGE]["nearest"],
+        mixtures.parents("nearest"),
+    )
+    in_class = mixtures.in_class
     rows = []
-    for name, chosen in (("all", in_class | True), ("of one class", in_class), ("of two classes", ~in_class)):
+    for name, chosen in (("all", in_class | True), ("within a class", in_class), ("across classes", ~in_class)):
         if chosen.any():
             gaps = [interval(gap[chosen]) for gap in (average - words, words - parents, average - parents)]
             rows.append([name, str(chosen.sum()), *map(_marked, gaps)])
     return table(["pairs", "number", "average minus words", "words minus objects", "average minus objects"], rows)
 
 
-def verdict(found: Mixtures) -> str:
-    """Whether averaging gives blobs, in sentences that the figures decide."""
-    average = found.figures[AVERAGE]
-    to_real = interval(average["nearest"] - found.words("nearest"))
-    to_parents = interval((average["to_a"] + average["to_b"] - found.words("to_a") - found.words("to_b")) / 2)
+def verdict(mixtures: Mixtures) -> str:
+    """Return the sentences on whether averaging gives blobs, decided by the figures."""
+    average = mixtures.figures[AVERAGE]
+    to_real = interval(average["nearest"] - mixtures.words("nearest"))
+    to_parents = interval((average["to_a"] + average["to_b"] - mixtures.words("to_a") - mixtures.words("to_b")) / 2)
     head = {
         "farther": "**Averaging gives blobs here, as the paper says**: averages lie farther from real shapes than",
         "nearer": "**Averaging gives no blobs here, unlike in the paper**: averages lie nearer to real shapes than",
-        "as far": "**Whether averaging gives blobs stays open**: averages lie as far from real shapes as",
+        "as far": "**Whether averaging gives blobs remains open**: averages lie as far from real shapes as",
     }[_side(to_real)]
     than = "as" if _side(to_parents) == "as far" else "than"
     return (
@@ -114,7 +123,7 @@ def verdict(found: Mixtures) -> str:
 
 
 def _side(gap: tuple[float, float, float]) -> str:
-    """What a paired difference of distances says."""
+    """Classify a paired difference of distances by its interval."""
     return "farther" if gap[1] > 0 else "nearer" if gap[2] < 0 else "as far"
 
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import Final
 
 from model.evaluation.compared import COMPARED
-from model.evaluation.comparison import BLOB, ORACLE, RETRIEVAL
+from model.evaluation.comparison import ELLIPSOID, ORACLE, RETRIEVAL
 from model.evaluation.conditions import FREE_VIEWS
-from model.evaluation.evaluate import POINTS, VIEWS, Evaluation
+from model.evaluation.evaluate import PREDICTED_POINTS, VIEWS, Evaluation
 from model.evaluation.paths import RESULTS
 from model.evaluation.records import Decoder, Record
 from model.report import tables
@@ -26,7 +26,7 @@ PAPER: Final = """| method | CD(P, T) | CD(T, P) | parameters | layers |
 
 | method | F@1%, class-uniform | F@1%, class-weighted |
 |---|---|---|
-| oracle nearest neighbour | 0.290 | 0.321 |
+| oracle nearest neighbor | 0.290 | 0.321 |
 | AtlasNet | 0.252 | 0.287 |
 | OGN | 0.217 | 0.230 |
 | Matryoshka | 0.264 | 0.297 |
@@ -36,7 +36,7 @@ PAPER: Final = """| method | CD(P, T) | CD(T, P) | parameters | layers |
 
 @dataclass(frozen=True)
 class Shipped:
-    """The model that is reported: its name, digest, size on disk in bytes, milliseconds per image on one core."""
+    """The model of the page: name, digest, bytes on disk, milliseconds per image on one core."""
 
     name: str
     digest: str
@@ -49,46 +49,52 @@ def markdown(
     others: Sequence[Record],
     shipped: Shipped,
     classes: Sequence[str],
-    asked: str,
+    targets: str,
     sections: Sequence[str],
 ) -> str:
-    """The whole page; `classes` of the objects in order, `asked` the table of asked figures, `sections` of other
-    measurements."""
+    """Return the whole page.
+
+    Parameters
+    ----------
+    classes : of the objects, in order.
+    targets : the table of targets.
+    sections : of other measurements.
+    """
     evaluations = all_evaluations(ours, others)
     decoders = {record.method: record.decoder for record in (ours, *others) if record.decoder}
     return "\n\n".join(
         [
             _head(ours, shipped),
-            f"## Asked and measured\n\n{asked}",
+            f"## Targets\n\n{targets}",
             _comparison(evaluations, decoders, ours.method),
             _classes(evaluations, classes, ours),
             f"## Points\n\n{tables.by_count(evaluations, ours.method)}",
             _conditions(evaluations, [ours.method, RETRIEVAL]),
             *sections,
             _trained(others),
-            f"## The paper's own figures\n\nAnother data set (ShapeNet) and scale: not to be compared.\n\n{PAPER}",
+            f"## The paper's own figures\n\nOn another data set (ShapeNet) and scale: not comparable.\n\n{PAPER}",
             _pictures(ours, shipped),
         ]
     )
 
 
 def all_evaluations(ours: Record, others: Sequence[Record]) -> list[Evaluation]:
-    """All of them, the shipped model's first."""
-    first = sorted(ours.evaluations, key=lambda found: found.method != ours.method)
-    return [*first, *(found for record in others for found in record.evaluations)]
+    """Return all evaluations, those of the shipped model first."""
+    first = sorted(ours.evaluations, key=lambda evaluation: evaluation.method != ours.method)
+    return [*first, *(evaluation for record in others for evaluation in record.evaluations)]
 
 
 def _head(ours: Record, shipped: Shipped) -> str:
-    made = ours.made
-    training = made["training"]
+    origin = ours.origin
+    training = origin["training"]
     return f"""# Results
 
-Written by `make results`: the shipped weights, evaluated along the path of a user's bytes (PNG, `service.encoding`,
-the ONNX file, the sampler), beside answers that need no training and the raw metrics in `{RESULTS}`.
+Written by `make results`: the shipped weights, evaluated along the path of a user's bytes (PNG, `service.encoding`, the
+ONNX file, the sampler), beside references that need no training and the raw metrics in `{RESULTS}`.
 
-- Machine: {made["machine"]}. Date: {made["date"]}. Seed: {made["seed"]}. Commit: {made["commit"]}.
-- Data: Sweet Home 3D furniture, {ours.split} split, {len(ours.ids)} objects that no training object repeats, views
-  {", ".join(map(str, VIEWS))} of 24; {POINTS:,} predicted against 10,000 true points where nothing else is said.
+- Machine: {origin["machine"]}. Date: {origin["date"]}. Seed: {origin["seed"]}. Commit: {origin["commit"]}.
+- Data: Sweet Home 3D furniture, {ours.split} split, {len(ours.ids)} objects that repeat no training object, views
+  {", ".join(map(str, VIEWS))} of 24; {PREDICTED_POINTS:,} predicted against 10,000 true points unless stated otherwise.
 - Model: `{shipped.name}`, sha256 {shipped.digest[:16]}, {shipped.bytes_ / 1e6:.1f} MB, {shipped.ms:.1f} ms an image on
   one core (onnxruntime, one thread, median of 50). Training: {training.get("steps", 0):,} steps in
   {training.get("minutes", 0)} minutes.
@@ -104,35 +110,36 @@ def _comparison(evaluations: Sequence[Evaluation], decoders: dict[str, Decoder],
 {tables.comparison(evaluations, decoders)}
 
 Milliseconds are on one core: the shipped model in the service's sampler, other trained methods in torch.
-`benchmarks/RESULTS.md` times the decoders in their best form each. Mean shape: points of all training objects
-together. Image retrieval: the training object whose image, any of its 24 views, is nearest by cosine of pretrained
-EfficientNet-Lite0 features. Oracle: the training object nearest to the truth by summed cd_epcg. Blob: the ellipsoid
-with the true points' mean and covariance. Same surface: what a fresh sample of the true surface would get.
+`benchmarks/RESULTS.md` times each decoder in its best form. Mean shape: points of all training objects together. Image
+retrieval: the training object with the most similar view, by cosine of pretrained EfficientNet-Lite0 features. Oracle
+nearest neighbor: the training object nearest to the truth by summed cd_epcg. Moment-matched ellipsoid: the ellipsoid
+with the mean and covariance of the true points. Sampling floor: another sample of the true surface.
 
-Differences, object by object; bold where the paired interval excludes 0. Distances are better below 0, F-scores above.
+Differences are object by object, bold where the paired interval excludes 0. Distances are better below 0, F-scores
+above 0.
 
 {tables.differences(evaluations, method)}"""
 
 
 def _classes(evaluations: Sequence[Evaluation], classes: Sequence[str], ours: Record) -> str:
-    found, blob = (tables.find(evaluations, method).column("f@2%") for method in (ours.method, BLOB))
-    beaten = [id_ for id_, here, there in zip(ours.ids, found, blob, strict=True) if here <= there]
+    scores, bounds = (tables.find(evaluations, method).column("f@2%") for method in (ours.method, ELLIPSOID))
+    beaten = [id_ for id_, score, bound in zip(ours.ids, scores, bounds, strict=True) if score <= bound]
     return f"""## Classes
 
-By rules on the catalogue's names (`model/evaluation/classes.py`). Class-uniform means count every class alike,
-class-weighted ones every object.
+Classes follow from rules on the catalog's names (`model/evaluation/classes.py`). Class-uniform means count every class
+equally, class-weighted means every object.
 
-{tables.per_class(evaluations, [ours.method, RETRIEVAL, ORACLE, BLOB], classes)}
+{tables.per_class(evaluations, [ours.method, RETRIEVAL, ORACLE, ELLIPSOID], classes)}
 
-Objects whose prediction is no better than their blob in f@2%, {len(beaten)} of {len(ours.ids)}:
+Objects whose prediction is no better in f@2% than their moment-matched ellipsoid, {len(beaten)} of {len(ours.ids)}:
 {", ".join(beaten) or "none"}."""
 
 
 def _conditions(evaluations: Sequence[Evaluation], methods: Sequence[str]) -> str:
     return f"""## Harder images
 
-The same objects: by other cameras (elevation 0 to 45 degrees, any azimuth, other focal lengths; views
-{", ".join(map(str, FREE_VIEWS))} of 12), on flat colours, on photographs held out from training, and in grey.
+The same objects from other cameras (elevation 0 to 45 degrees, any azimuth, other focal lengths; views
+{", ".join(map(str, FREE_VIEWS))} of 12), on flat colors, on photographs held out from training, and in gray.
 
 {tables.by_condition(evaluations, methods)}"""
 
@@ -140,43 +147,43 @@ The same objects: by other cameras (elevation 0 to 45 degrees, any azimuth, othe
 def _trained(others: Sequence[Record]) -> str:
     rows = []
     for record in others:
-        training = record.made.get("training", {})
+        training = record.origin.get("training", {})
         spent = [f"{training['steps']:,}", str(training["minutes"])] if training else ["-"] * 2
-        file = record.made.get("digest", "-")[:16]
-        rows.append([record.method, *spent, str(record.made["seed"]), str(record.made["commit"]), file])
-    known = (
+        file = record.origin.get("digest", "-")[:16]
+        rows.append([record.method, *spent, str(record.origin["seed"]), str(record.origin["commit"]), file])
+    methods = (
         tables.table(["method", "steps", "minutes", "seed", "commit", "sha256 of the exported file"], rows)
         if rows
         else "None yet."
     )
     return f"""## Other methods
 
-The other shipped models; methods that are only compared, which `hof-model retrain` trains anew and measures: one data
-set, split, image encoder (the paper's DenseNet, from scratch) and number of steps; and the ceiling, theta fitted to
-each object's points (`hof-model evaluate --ceiling`). The config of each is in its file.
+The other shipped models; methods for comparison, which `hof-model retrain` trains from scratch with one data set, one
+split, one image encoder (the paper's DenseNet) and one number of steps; and the ceiling, theta fitted to each object's
+points (`hof-model evaluate --ceiling`). The config of each is in its file.
 
-{known}{_alike(others)}"""
+{methods}{_compared_alike(others)}"""
 
 
-def _alike(others: Sequence[Record]) -> str:
-    """The compared methods against HOF-1 with k = 2, where all of them were trained."""
-    same = [record for record in others if record.method.partition(",")[0] in COMPARED]
-    base = next((record.method for record in same if record.method.startswith("hof1-k2,")), None)
+def _compared_alike(others: Sequence[Record]) -> str:
+    """Return the differences between HOF-1 with k = 2 and the other compared methods; empty without HOF-1."""
+    compared = [record for record in others if record.method.partition(",")[0] in COMPARED]
+    base = next((record.method for record in compared if record.method.startswith("hof1-k2,")), None)
     if base is None:
         return ""
     return f"""
 
-Among those that differ in the decoder alone, object by object as above. A distance above 0 or an F-score below 0 in
-bold is where HOF does not win.
+Differences between the methods that differ only in the decoder, object by object as above. A bold distance above 0 or
+a bold F-score below 0 means that HOF does not win.
 
-{tables.differences([found for record in same for found in record.evaluations], base)}"""
+{tables.differences([evaluation for record in compared for evaluation in record.evaluations], base)}"""
 
 
 def _pictures(ours: Record, shipped: Shipped) -> str:
     return f"""## Pictures
 
-The first {min(SHOWN, len(ours.ids))} objects in manifest order: the image that went in (view {VIEWS[0]}), the true
-points, the predicted points, both seen from 30 degrees to the side and 22 degrees above.
+The first {min(SHOWN, len(ours.ids))} objects in manifest order: the input image (view {VIEWS[0]}), the true points and
+the predicted points, both seen from 30 degrees to the side and 22 degrees above.
 
 ![image, truth, prediction]({RESULTS}/{shipped.name}.png)
 

@@ -17,20 +17,20 @@ from model.evaluation.timing import encoder_ms
 from model.report import color, mixtures, runs, surfaces
 from model.report.page import Shipped, all_evaluations, markdown
 from model.report.sheets import everyday_objects, first_objects
-from model.report.targets import asked_table, checks
+from model.report.targets import checks, target_table
 from service.encoding.encoder import Encoder
 
 
 def report(models: Sequence[Path], data: Path, split: Split, root: Path, seed: int = 0) -> str:
-    """Evaluate ONNX files; write `root/RESULTS.md`, `root/model/results/<model>.json` and the first one's pictures.
+    """Evaluate ONNX files; write `root/RESULTS.md`, `root/model/results/<model>.json` and the first model's pictures.
 
-    The page is about the first. The others and every other record in `root/model/results` enter the tables, as does
-    what `hof-model mixtures` and `hof-model surfaces` wrote there. Returns the table of asked figures.
+    The page is about the first model. The others and every other record in `root/model/results` enter the tables, as do
+    the records of `hof-model mixtures` and `hof-model surfaces`. Returns the table of targets.
 
     Raises
     ------
     FileNotFoundError : no data set, or `hof-model data vary` or `hof-model surfaces` has not been run.
-    ValueError : a record is of other objects.
+    ValueError : a record holds other objects.
     """
     model, *beside = models
     encoder = Encoder.open(model, threads=1)
@@ -50,23 +50,23 @@ def report(models: Sequence[Path], data: Path, split: Split, root: Path, seed: i
     if in_color:
         in_color.write(root / COLOR / f"{encoder.name}.json")
     classes = [class_of(case.entry) for case in objects]
-    asked = asked_table(checks(all_evaluations(ours, others), ours.method, classes, shipped.bytes_, shipped.ms))
-    measured = surfaces.section(Trials.read(root / SURFACES))
-    sections = [runs.section(root), measured, mixtures.section(root), color.section(in_color) if in_color else ""]
-    page = markdown(ours, others, shipped, classes, asked, [section for section in sections if section])
+    targets = target_table(checks(all_evaluations(ours, others), ours.method, classes, shipped.bytes_, shipped.ms))
+    on_surfaces = surfaces.section(Trials.read(root / SURFACES))
+    sections = [runs.section(root), on_surfaces, mixtures.section(root), color.section(in_color) if in_color else ""]
+    page = markdown(ours, others, shipped, classes, targets, [section for section in sections if section])
     (root / "RESULTS.md").write_text(page, encoding="utf-8")
-    return asked
+    return targets
 
 
 def read_others(root: Path, ours: str, split: Split, objects: Sequence[Case]) -> list[Record]:
-    """The records of methods other than `ours`, by name of their files.
+    """Read the records of methods other than `ours`, in order of their paths.
 
     Raises
     ------
-    ValueError : a record is of other objects than these.
+    ValueError : a record holds other objects than `objects`.
     """
     ids = tuple(case.entry.id for case in objects)
-    found = []
+    records = []
     paths = {*(root / RESULTS).glob("*.json"), *(root / COMPARED).glob("*.json")} - {root / SURFACES}
     for path in sorted(paths):
         record = Record.read(path)
@@ -74,8 +74,8 @@ def read_others(root: Path, ours: str, split: Split, objects: Sequence[Case]) ->
             continue
         if (record.split, record.ids) != (split, ids):
             raise ValueError(
-                f"{path} is of other objects than the {split} split here: build the data set that it was measured on, "
-                "or measure it again with `hof-model evaluate -o`"
+                f"{path} is of other objects than the {split} split of this data set: build the data set that it was "
+                "measured on, or measure it again with `hof-model evaluate -o`"
             )
-        found.append(record)
-    return found
+        records.append(record)
+    return records

@@ -19,24 +19,24 @@ COLUMNS: Final = 2  # objects side by side
 
 
 def first_objects(encoder: Encoder, objects: Sequence[Case]) -> Image.Image:
-    """The split's first objects, in manifest order."""
+    """Draw the split's first objects, in manifest order."""
     return _sheet(encoder, [(case.entry.id, case) for case in objects[:SHOWN]])
 
 
 def everyday_objects(encoder: Encoder, objects: Sequence[Case]) -> Image.Image:
-    """The first objects of each class of everyday furniture, in manifest order."""
-    shown = []
+    """Draw the first objects of each class of everyday furniture, in manifest order."""
+    labeled = []
     for name in EVERYDAY:
         of_class = [case for case in objects if class_of(case.entry) == name][:SHOWN_PER_CLASS]
-        shown += [(f"{name}: {case.entry.id}", case) for case in of_class]
-    return _sheet(encoder, shown)
+        labeled += [(f"{name}: {case.entry.id}", case) for case in of_class]
+    return _sheet(encoder, labeled)
 
 
-def _sheet(encoder: Encoder, shown: Sequence[tuple[str, Case]]) -> Image.Image:
-    rows = -(-len(shown) // COLUMNS)
+def _sheet(encoder: Encoder, labeled: Sequence[tuple[str, Case]]) -> Image.Image:
+    rows = -(-len(labeled) // COLUMNS)
     sheet = Image.new("RGB", (COLUMNS * 3 * CELL, rows * (CELL + LABEL)), "white")
     pen = ImageDraw.Draw(sheet)
-    for index, (label, case) in enumerate(shown):
+    for index, (label, case) in enumerate(labeled):
         left, top = index % COLUMNS * 3 * CELL, index // COLUMNS * (CELL + LABEL)
         pen.text((left + 2, top), f"{label}: image, truth, prediction", fill="black")
         for column, cell in enumerate(_cells(encoder, case)):

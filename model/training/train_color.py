@@ -75,11 +75,11 @@ def train_color(data: Path, run: Path, config: ColorConfig) -> Path:
 @torch.no_grad()
 def see(encoder: ImageEncoder, spec: MappingSpec, batch: Batch) -> Seen:
     """Look at a batch's images; a canonical point's colour is that of the true point nearest to where it goes."""
-    if batch.colours is None:
+    if batch.colors is None:
         raise ValueError("the data set has no colours of its points: build it again with `hof-model data build`")
     theta, inputs = look(encoder, batch.images.contiguous(memory_format=torch.channels_last))
     points = power(spec, theta, batch.canonical)
-    return Seen(inputs, batch.canonical, gather(batch.colours, nearest(points, batch.points)))
+    return Seen(inputs, batch.canonical, gather(batch.colors, nearest(points, batch.points)))
 
 
 class _Learner:

@@ -15,8 +15,8 @@ from PIL import Image
 from tqdm import tqdm
 
 from model.data.augment import oversize
-from model.data.dataset import MADE_A_DRAW, OWN, VISIBLE
-from model.data.manifest import Manifest, made_files, variant_files
+from model.data.dataset import OWN, PIECES_PER_DRAW, VISIBLE
+from model.data.manifest import COLORS, Manifest, piece_files, variant_files
 from model.data.packed.options import PackOptions
 from model.data.packed.photographs import pack_photographs
 from model.data.packed.shards import FORMAT, INDEX, SHARDS, PackedShape, Row, quantize, read_table, write_shard
@@ -85,8 +85,8 @@ def _jobs(folder: Path, options: PackOptions, prefixed: bool) -> Iterator[_Job]:
             limits = (0, 0) if own else (options.variant_views, options.variant_points)
             row = Row(prefix + entry.id, entry.id, entry.source, entry.split, own, (), 0, colored=False)
             yield _Job(path, row, large, quality, *limits)
-    for number, path in enumerate(made_files(folder) if options.made else []):
-        unit = f"{prefix}made/{number // MADE_A_DRAW}"
+    for number, path in enumerate(piece_files(folder) if options.made else []):
+        unit = f"{prefix}made/{number // PIECES_PER_DRAW}"
         row = Row(unit, path.stem, "made", "train", own=False, views=(), points=0, colored=False)
         yield _Job(path, row, large, quality, options.made_views, options.made_points)
 
@@ -114,7 +114,7 @@ def _pack_shape(job: _Job) -> PackedShape:
     """Frame, encode and quantize one file (a worker process)."""
     rng = np.random.default_rng([*job.row.object.encode()])
     with np.load(job.path) as arrays:
-        views, points, colors = arrays["views"], arrays["points"], arrays.get("colours")
+        views, points, colors = arrays["views"], arrays["points"], arrays.get(COLORS)
     shown = [number for number, view in enumerate(views) if (view[..., 3] > 0).mean() > VISIBLE]
     if job.most_views and len(shown) > job.most_views:
         shown = sorted(rng.choice(shown, job.most_views, replace=False).tolist())

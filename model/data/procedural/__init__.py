@@ -1,1 +1,1 @@
-"""Objects made by rule, for training only."""
+"""Random procedural objects, for training only."""

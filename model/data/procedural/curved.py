@@ -4,12 +4,12 @@ import math
 
 import numpy as np
 
-from model.data.procedural.primitives import Doubles, Rng, Solid, between, cushion, signed_power, turned
+from model.data.procedural.primitives import Doubles, Rng, Solid, between, cushion, lathe, signed_power
 from model.data.procedural.stands import legs, stand
 
 
 def tub(rng: Rng) -> list[Solid]:
-    """An armchair, or a sofa for two or three, whose back runs around into its arms."""
+    """Make an armchair, or a sofa for two or three, with a back that curves into its arms."""
     seats = int(rng.integers(1, 4)) if rng.random() < 0.35 else 1
     x, z = rng.uniform(0.33, 0.48) * (1 + 0.7 * (seats - 1)), rng.uniform(0.33, 0.48)
     low = rng.uniform(0.04, 0.18) if rng.random() < 0.7 else 0.0
@@ -22,7 +22,7 @@ def tub(rng: Rng) -> list[Solid]:
     tops = arm + (back - arm) * rises
     outer = _around(angles, tops, low, (x, z), squareness, rng.uniform(-0.05, 0.25))
     inner = outer * np.array([1 - thick / x, 1, 1 - thick / z])
-    if rng.random() < 0.3:  # fluted, as a shell is
+    if rng.random() < 0.3:  # fluted like a shell
         flutes = rng.uniform(0.02, 0.08) * np.abs(np.cos(rng.integers(4, 10) * angles / 2))
         inner = inner * (1 - flutes[:, None] * np.array([1, 0, 1]))
     solids = [between(outer, inner, "cloth")]
@@ -42,7 +42,7 @@ def tub(rng: Rng) -> list[Solid]:
 def _around(
     angles: Doubles, tops: Doubles, low: float, radii: tuple[float, float], squareness: float, flare: float
 ) -> Doubles:
-    """A wall around the vertical, open in front, (rows, angles, 3): from `low` to its tops, wider there by `flare`."""
+    """Return a wall around the vertical, open in front: (rows, angles, 3), from `low` to `tops`, flaring out."""
     heights = np.linspace(0, 1, 6)[:, None]
     y = low + heights * (tops - low)
     wider = 1 + flare * (y - low)
@@ -52,7 +52,7 @@ def _around(
 
 
 def bucket(rng: Rng) -> list[Solid]:
-    """A chair whose seat and back are one shell."""
+    """Make a chair with seat and back in one shell."""
     width, depth, seat = rng.uniform(0.4, 0.75), rng.uniform(0.4, 0.6), rng.uniform(0.32, 0.5)
     height, lean, hollow = rng.uniform(0.25, 0.85), rng.uniform(0, 0.45), rng.uniform(0, 0.14)
     knots = np.array(
@@ -66,7 +66,7 @@ def bucket(rng: Rng) -> list[Solid]:
     along = np.linspace(0, 1, 18)[:, None]
     weights = np.hstack([(1 - along) ** 3, 3 * along * (1 - along) ** 2, 3 * along**2 * (1 - along), along**3])
     z, y = (weights @ knots).T
-    normal = np.stack([-np.gradient(z), np.gradient(y)], axis=1)  # (y, z), toward who sits in it
+    normal = np.stack([-np.gradient(z), np.gradient(y)], axis=1)  # (y, z), toward the sitter
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     across = np.linspace(-1, 1, 15)
     narrow = rng.uniform(0, 0.6) * np.clip((along[:, 0] - rng.uniform(0.4, 0.8)) / 0.4, 0, 1) ** 2
@@ -81,8 +81,7 @@ def bucket(rng: Rng) -> list[Solid]:
 
 
 def arched_board(rng: Rng, side: float, z: float, low: float, high: float, thick: float) -> list[Solid]:
-    """A headboard or a sofa's back, its top straight, arched, waved or stepped, some with buttons; it stands outward
-    from depth `z`."""
+    """Make a headboard or a sofa's back outward from depth `z`, with a straight, arched, waved or stepped top."""
     across = np.linspace(-1, 1, 25)
     rise, kind = rng.uniform(0.1, 0.5) * (high - low) * 0.6, rng.random()
     if kind < 0.25:
@@ -104,7 +103,7 @@ def arched_board(rng: Rng, side: float, z: float, low: float, high: float, thick
 
 
 def cloth(rng: Rng, radii: tuple[float, float], top: float) -> list[Solid]:
-    """A cloth over a table top: a round or square one, down to its hem in folds."""
+    """Make a round or square tablecloth that falls in folds to its hem."""
     hem = rng.uniform(0, 0.7) * top if rng.random() < 0.5 else rng.uniform(0, 0.1)
     square = rng.uniform(0.25, 0.5) if rng.random() < 0.4 else 1.0
     angles = np.linspace(-math.pi, math.pi, 73)
@@ -115,7 +114,7 @@ def cloth(rng: Rng, radii: tuple[float, float], top: float) -> list[Solid]:
     z = radii[1] * wide * signed_power(np.cos(angles), square)
     y = np.broadcast_to(top - down * (top - hem), x.shape)
     skirt = np.stack([x, y, z], axis=-1)
-    cover, material = turned([(0, top - 0.01), (1, top - 0.01), (1, top), (0, top)], "cloth")
+    cover, material = lathe([(0, top - 0.01), (1, top - 0.01), (1, top), (0, top)], "cloth")
     corners = np.array(cover.vertices)
     at = np.arctan2(corners[:, 0], corners[:, 2])
     flat = np.hypot(corners[:, 0], corners[:, 2])

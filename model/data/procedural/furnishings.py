@@ -5,20 +5,20 @@ import math
 
 import numpy as np
 
-from model.data.procedural.primitives import Rng, Solid, box, cushion, ring, rod, turned
+from model.data.procedural.primitives import Rng, Solid, box, cushion, lathe, ring, rod
 from model.data.procedural.stands import fronts, legs
 
 
 def cabinet(rng: Rng) -> list[Solid]:
-    """A wardrobe, sideboard, chest of drawers or bedside table."""
+    """Make a wardrobe, sideboard, chest of drawers or bedside table."""
     width, depth = rng.uniform(0.35, 2.2), rng.uniform(0.3, 0.65)
     height = rng.uniform(1.6, 2.3) if rng.random() < 0.35 else rng.uniform(0.4, 1.2)
     x, z = width / 2, depth / 2
     low = rng.uniform(0.05, 0.25) if rng.random() < 0.55 else 0.0
-    stood = legs(rng, width, depth, low, rng.uniform(0.02, 0.04)) if low else []
+    feet = legs(rng, width, depth, low, rng.uniform(0.02, 0.04)) if low else []
     if rng.random() < 0.3:
-        return [*stood, *_open_cabinet(rng, (x, z), (low, height))]
-    solids = [*stood, box((-x, low, -z), (x, height, z), "wood")]
+        return [*feet, *_open_cabinet(rng, (x, z), (low, height))]
+    solids = [*feet, box((-x, low, -z), (x, height, z), "wood")]
     if rng.random() < 0.4:
         over = rng.uniform(0.01, 0.05)
         solids.append(box((-x - over, height, -z), (x + over, height + 0.03, z + over), "top"))
@@ -33,8 +33,7 @@ def cabinet(rng: Rng) -> list[Solid]:
 
 
 def _open_cabinet(rng: Rng, half: tuple[float, float], ends: tuple[float, float]) -> list[Solid]:
-    """Boards around cells, some of which have a door or a drawer: what a screen stands on, a dresser, a kitchen's
-    unit."""
+    """Make boards around cells, some with a door or a drawer: a TV stand, a dresser, a kitchen unit."""
     (x, z), (low, high), thick = half, ends, rng.uniform(0.015, 0.04)
     columns = max(1, round(2 * x / rng.uniform(0.35, 0.9)))
     rows = max(1, round((high - low) / rng.uniform(0.2, 0.5)))
@@ -52,7 +51,7 @@ def _open_cabinet(rng: Rng, half: tuple[float, float], ends: tuple[float, float]
 
 
 def shelf(rng: Rng) -> list[Solid]:
-    """A bookcase or a rack, some with books."""
+    """Make a bookcase or a rack, some with books."""
     width, depth, height = rng.uniform(0.4, 1.8), rng.uniform(0.2, 0.45), rng.uniform(0.7, 2.2)
     x, z, thick = width / 2, depth / 2, rng.uniform(0.015, 0.04)
     if rng.random() < 0.75:
@@ -75,7 +74,7 @@ def shelf(rng: Rng) -> list[Solid]:
 
 
 def lamp(rng: Rng) -> list[Solid]:
-    """A lamp that stands on the floor or a table, hangs, bends over a desk, or has spots on a rail."""
+    """Make a floor, table, hanging or desk lamp, or spots on a rail."""
     kind, height = rng.random(), rng.uniform(0.3, 1.8)
     size = rng.uniform(0.08, 0.25) * (1 + height / 2)
     if kind < 0.1:
@@ -84,10 +83,10 @@ def lamp(rng: Rng) -> list[Solid]:
         return [
             rod((0, 0, 0), (0, height / 2, 0), 0.008, "leg"),
             *_shade(rng, size, 0.0),
-            turned([(0, height / 2), (0.06, height / 2), (0, height / 2 - 0.04)], "leg"),
+            lathe([(0, height / 2), (0.06, height / 2), (0, height / 2 - 0.04)], "leg"),
         ]
     foot, thick = size * rng.uniform(0.5, 1.0), rng.uniform(0.01, 0.06)
-    base = turned([(0, 0), (foot, 0), (foot * rng.uniform(0.5, 1), thick), (0, thick)], "leg")
+    base = lathe([(0, 0), (foot, 0), (foot * rng.uniform(0.5, 1), thick), (0, thick)], "leg")
     if kind < 0.45:  # bends
         return [base, *_bent_arm(rng, height, size)]
     if kind < 0.65:  # a turned body
@@ -102,7 +101,7 @@ def lamp(rng: Rng) -> list[Solid]:
 
 
 def _bent_arm(rng: Rng, height: float, size: float) -> list[Solid]:
-    """An arm of two bars or in a bow, and a shade at its end that looks down."""
+    """Make an arm of two bars or in a bow, with a shade at its end that points down."""
     reach = height * rng.uniform(0.3, 0.6)
     if rng.random() < 0.5:
         elbow = height * rng.uniform(0.5, 0.8)
@@ -119,7 +118,7 @@ def _bent_arm(rng: Rng, height: float, size: float) -> list[Solid]:
 
 
 def _rail(rng: Rng) -> list[Solid]:
-    """Spots that hang from a bar, each turned its own way."""
+    """Make spots that hang from a bar, each turned at random."""
     half, thick, size = rng.uniform(0.3, 0.9), rng.uniform(0.01, 0.03), rng.uniform(0.03, 0.08)
     solids = [box((-half, 0, -thick), (half, 1.5 * thick, thick), "leg")]
     for x in np.linspace(-half, half, int(rng.integers(3, 8)))[1:-1]:
@@ -134,11 +133,11 @@ def _shade(rng: Rng, size: float, y: float) -> list[Solid]:
     if rng.random() < 0.25:
         return [cushion((-size, y - size, -size), (size, y + size, size), "shade", 1.0)]
     top, half = size * rng.uniform(0.2, 1.0), size * rng.uniform(0.4, 1.0)
-    return [turned([(size, y - half), (top, y + half), (top - 0.005, y + half), (size - 0.005, y - half)], "shade")]
+    return [lathe([(size, y - half), (top, y + half), (top - 0.005, y + half), (size - 0.005, y - half)], "shade")]
 
 
 def vessel(rng: Rng) -> list[Solid]:
-    """A cup, bowl, plate, glass, vase or bottle: walls with an inside, some with a handle and a saucer."""
+    """Make a hollow cup, bowl, plate, glass, vase or bottle, some with a handle and a saucer."""
     height = rng.uniform(0.15, 1.2)
     levels = np.linspace(0, height, 14)
     swing, phase = rng.uniform(0, 0.45), rng.uniform(0, 2 * math.pi)
@@ -149,28 +148,28 @@ def vessel(rng: Rng) -> list[Solid]:
     wall = rng.uniform(0.015, 0.05)
     inner = [(max(radius - wall, 0.01), max(y, wall)) for radius, y in zip(outer[::-1], levels[::-1], strict=True)]
     walls = [(0.0, 0.0), *zip(outer.tolist(), levels.tolist(), strict=True), *inner, (0.0, wall)]
-    solids = [turned(walls, "top")]
+    solids = [lathe(walls, "top")]
     if rng.random() < 0.45 and height > 0.4:
         middle, tall = len(levels) // 2, rng.uniform(0.22, 0.38) * height
         x = float(outer[middle]) * rng.choice([-1, 1])
         solids.append(ring(1, 0.12, (x, levels[middle], 0), (tall * rng.uniform(0.6, 1), tall, 0.25), "top"))
-    if rng.random() < 0.3:  # full of something
-        solids.append(turned([(0, 0.6 * height), (inner[4][0], inner[4][1]), (0, inner[4][1])], "cover"))
+    if rng.random() < 0.3:  # filled
+        solids.append(lathe([(0, 0.6 * height), (inner[4][0], inner[4][1]), (0, inner[4][1])], "cover"))
     if rng.random() < 0.3:
         wide = float(outer[0]) * rng.uniform(1.5, 2.4)
         rim = [(0, -0.05), (0.5 * wide, -0.05), (wide, 0.04), (wide - 0.02, 0.06), (0.5 * wide, -0.02), (0, -0.02)]
-        solids.append(turned(rim, "top"))
+        solids.append(lathe(rim, "top"))
     return solids
 
 
 def basin(rng: Rng) -> list[Solid]:
-    """A washbasin, a bath or a toilet."""
+    """Make a washbasin, a bath or a toilet."""
     kind, white = rng.random(), "sheet"
     if kind < 0.4:
         size, depth = rng.uniform(0.22, 0.4), rng.uniform(0.1, 0.22)
         top = rng.uniform(0.75, 0.9)
         profile = [(0.02, top - depth), (0.7 * size, top - 0.6 * depth), (size, top), (0.9 * size, top)]
-        bowl, material = turned([*profile, (0.6 * size, top - 0.5 * depth), (0.02, top - 0.8 * depth)], white)
+        bowl, material = lathe([*profile, (0.6 * size, top - 0.5 * depth), (0.02, top - 0.8 * depth)], white)
         bowl.apply_scale((rng.uniform(1, 1.6), 1, 1))
         tap = rod((0, top, -size), (0, top + 0.15, -size * 0.8), 0.02, "leg")
         foot = rng.uniform(0.06, 0.12)
@@ -189,7 +188,7 @@ def basin(rng: Rng) -> list[Solid]:
 
 
 def appliance(rng: Rng) -> list[Solid]:
-    """A cooker, fridge or washing machine, or a screen on its foot."""
+    """Make a cooker, fridge or washing machine, or a screen on a foot."""
     kind = rng.random()
     if kind < 0.3:
         return _screen(rng)
@@ -216,7 +215,7 @@ def appliance(rng: Rng) -> list[Solid]:
     for at_x in (-x / 2, x / 2):
         for at_z in (-z / 2, z / 2):
             solids.append(
-                turned(
+                lathe(
                     [(0, height), (0.09, height), (0.09, height + 0.015), (0, height + 0.015)], "leg", (at_x, 0, at_z)
                 )
             )

@@ -1,5 +1,7 @@
-"""Furniture and other things made by rule, for training only: a few hundred real objects show too few chairs to learn
-what a leg is."""
+"""Random procedural pieces, furniture and other things, for training only.
+
+A few hundred real objects include too few chairs to learn chair legs from.
+"""
 
 from collections.abc import Callable
 from contextlib import closing
@@ -10,18 +12,18 @@ from typing import Final
 import numpy as np
 import trimesh
 
-from model.data.manifest import MADE, Manifest
+from model.data.manifest import PIECES, Manifest
 from model.data.procedural import curved, furnishings, seating, sofas, things
-from model.data.procedural.primitives import MATERIALS, Rng, Solid, Triple, assembled
-from model.data.procedural.textures import any_place, drawn, texture_files, wrap
+from model.data.procedural.primitives import MATERIALS, Rng, Solid, Triple, assemble
+from model.data.procedural.textures import draw_texture, random_placement, texture_files, wrap
 from model.data.rendering.cameras import free_cameras
-from model.data.rendering.render import POINTS, shoot, stage
+from model.data.rendering.render import SURFACE_POINTS, shoot, stage
 from model.data.rendering.surface import Floats, sample_surface
 from model.data.rendering.visible import visible
 from model.data.workers import run_with_progress
 from service.files import whole_file
 
-DESIGNS: Final[dict[Callable[[Rng], list[Solid]], float]] = {  # and how often each is drawn
+DESIGNS: Final[dict[Callable[[Rng], list[Solid]], float]] = {  # and the probability of each
     seating.chair: 0.13,
     seating.stool: 0.02,
     curved.tub: 0.1,
@@ -42,13 +44,13 @@ DESIGNS: Final[dict[Callable[[Rng], list[Solid]], float]] = {  # and how often e
     things.figure: 0.02,
     things.opening: 0.01,
 }
-TEXTURED_SHARE: Final = 0.5  # of a piece's materials, where there are textures
+TEXTURED_SHARE: Final = 0.5  # of a piece's materials, if there are textures
 WOODS: Final = ((0.72, 0.53, 0.34), (0.45, 0.28, 0.17), (0.25, 0.16, 0.11), (0.85, 0.74, 0.56), (0.93, 0.92, 0.9))
 
 
 @dataclass(frozen=True)
-class MadeJob:
-    """One piece to make: a function of (seed, number) and the textures."""
+class PieceJob:
+    """One piece to make; it depends on (seed, number) and the textures only."""
 
     target: Path
     textures: list[Path]
@@ -58,67 +60,69 @@ class MadeJob:
 
 
 def make(folder: Path, count: int, views: int, processes: int) -> dict[str, str]:
-    """Write pieces 0 to `count` that are missing in the data set `folder`; return number -> failure.
+    """Write the missing ones of `count` pieces to the data set `folder`; return number -> failure.
 
     Raises
     ------
     FileNotFoundError : `folder` holds no finished data set.
     """
     seed = Manifest.read(folder).seed
-    (folder / MADE).mkdir(exist_ok=True)
+    (folder / PIECES).mkdir(exist_ok=True)
     textures = texture_files(folder)
-    jobs = [MadeJob(folder / MADE / f"{number:05d}.npz", textures, seed, number, views) for number in range(count)]
+    jobs = [PieceJob(folder / PIECES / f"{number:05d}.npz", textures, seed, number, views) for number in range(count)]
     jobs = [job for job in jobs if not job.target.exists()]
-    return run_with_progress(render_made, jobs, lambda job: job.target.stem, processes, "make", "piece")
+    return run_with_progress(render_piece, jobs, lambda job: job.target.stem, processes, "make", "piece")
 
 
-def render_made(job: MadeJob) -> None:
+def render_piece(job: PieceJob) -> None:
     """Make one piece and render it under free cameras (a worker process)."""
     rng = np.random.default_rng([job.seed, 2, job.number])
     parts = piece(rng, job.textures)
-    points = seen_points(parts, rng)
+    points = visible_points(parts, rng)
     with closing(stage(parts, multisampling=False)) as plotter:
         views = shoot(plotter, free_cameras(job.views, train=True, rng=rng), points, rng)
     with whole_file(job.target) as file:
         np.savez_compressed(file, views=views, points=points)
 
 
-def seen_points(parts: list[trimesh.Trimesh], rng: Rng) -> Floats:
-    """(POINTS, 3) float32, uniform over the area that can be seen: solids that reach into each other have a third of
-    theirs inside, where no image and no real piece has any."""
-    surface = sample_surface(parts, 4 * POINTS, rng)[0]
-    seen = surface[visible(surface, surface)]
-    return seen[np.arange(POINTS) % len(seen)]
+def visible_points(parts: list[trimesh.Trimesh], rng: Rng) -> Floats:
+    """Sample the visible surface uniformly by area: (SURFACE_POINTS, 3) float32.
+
+    Overlapping solids have a third of their surface inside, where images show nothing and real furniture has none.
+    """
+    surface = sample_surface(parts, 4 * SURFACE_POINTS, rng)[0]
+    outside = surface[visible(surface, surface)]
+    return outside[np.arange(SURFACE_POINTS) % len(outside)]
 
 
 def piece(rng: Rng, textures: list[Path]) -> list[trimesh.Trimesh]:
-    """A piece at random, in the object frame; each of its materials of one colour, or with one of the textures."""
+    """Make a random piece in the object frame; each of its materials has one color or one texture."""
     design = list(DESIGNS)[rng.choice(len(DESIGNS), p=list(DESIGNS.values()))]
-    solids, colours = design(rng), _colours(rng)
-    parts = assembled(solids, colours)
+    solids, colors = design(rng), _colors(rng)
+    parts = assemble(solids, colors)
     for material in MATERIALS:
         if textures and rng.random() < TEXTURED_SHARE:
-            image = drawn(textures, colours[material], rng)
-            repeats, start = any_place(rng)
+            image = draw_texture(textures, colors[material], rng)
+            repeats, start = random_placement(rng)
             for part, (_, of_material) in zip(parts, solids, strict=True):
                 if of_material == material:
                     wrap(part, image, repeats, start)
     return parts
 
 
-def _colours(rng: Rng) -> dict[str, Triple]:
-    """A colour for each material: woods and greys for what carries, anything for cloth, some of them alike."""
+def _colors(rng: Rng) -> dict[str, Triple]:
+    """Choose a color for each material: woods and grays for frames, any color for cloth; some materials share one."""
     wood = _near(rng, WOODS[rng.integers(len(WOODS))])
-    grey = _near(rng, (rng.random(),) * 3)
-    found = {}
+    gray = _near(rng, (rng.random(),) * 3)
+    colors = {}
     for material in MATERIALS:
         bright = rng.uniform(0.05, 0.95, 3)
         anything: Triple = tuple((bright.mean() + rng.random() * (bright - bright.mean())).tolist())
-        likely = {"wood": wood, "leg": grey, "front": wood, "sheet": (0.92, 0.91, 0.88)}.get(material, anything)
-        found[material] = (wood, likely, likely, anything)[rng.integers(4)]
-    return found
+        likely = {"wood": wood, "leg": gray, "front": wood, "sheet": (0.92, 0.91, 0.88)}.get(material, anything)
+        colors[material] = (wood, likely, likely, anything)[rng.integers(4)]
+    return colors
 
 
-def _near(rng: Rng, colour: Triple) -> Triple:
-    red, green, blue = np.clip(np.array(colour) + rng.uniform(-0.08, 0.08, 3), 0.02, 1).tolist()
+def _near(rng: Rng, color: Triple) -> Triple:
+    red, green, blue = np.clip(np.array(color) + rng.uniform(-0.08, 0.08, 3), 0.02, 1).tolist()
     return red, green, blue

@@ -1,4 +1,4 @@
-"""Solids that furniture is put together from: +Y up, front +Z, the floor at y = 0, lengths in metres."""
+"""Solids that furniture is assembled from: +Y up, front +Z, the floor at y = 0, lengths in meters."""
 
 from typing import Final
 
@@ -8,30 +8,30 @@ import trimesh
 
 from model.data.sources.meshes import to_object_frame
 
-SECTIONS: Final = 24  # around what is turned
-EDGE_RAD: Final = 0.7  # faces that meet at a sharper angle are shaded apart
+SECTIONS: Final = 24  # around a lathed solid
+EDGE_RAD: Final = 0.7  # faces that meet at a sharper angle are shaded separately
 
 MATERIALS: Final = ("wood", "leg", "top", "front", "cloth", "cushion", "sheet", "cover", "shade")
 
 Rng = np.random.Generator
-Solid = tuple[trimesh.Trimesh, str]  # and its material, one of MATERIALS
+Solid = tuple[trimesh.Trimesh, str]  # mesh and material, one of MATERIALS
 Triple = tuple[float, float, float]
 Doubles = npt.NDArray[np.float64]
 
 
 def signed_power(numbers: Doubles, exponent: float) -> Doubles:
-    """The numbers' sizes to a power, with their signs: what makes a circle a superellipse."""
+    """Raise the numbers' sizes to a power and keep their signs; turns a circle into a superellipse."""
     powers: Doubles = np.sign(numbers) * np.abs(numbers) ** exponent
     return powers
 
 
 def box(low: Triple, high: Triple, material: str) -> Solid:
-    """A box from corner to corner."""
+    """Make a box from corner to corner."""
     return trimesh.creation.box(bounds=np.array([low, high])), material
 
 
 def cushion(low: Triple, high: Triple, material: str, roundness: float = 0.35) -> Solid:
-    """A superellipsoid in the box from corner to corner: `roundness` 1 is an ellipsoid, 0 the box."""
+    """Make a superellipsoid in the box from corner to corner: `roundness` 1 is an ellipsoid, 0 the box."""
     mesh = trimesh.creation.icosphere(subdivisions=3)
     directions = np.asarray(mesh.vertices)
     rounded = signed_power(directions, roundness)
@@ -40,7 +40,7 @@ def cushion(low: Triple, high: Triple, material: str, roundness: float = 0.35) -
 
 
 def rod(start: Triple, end: Triple, radii: float | tuple[float, float], material: str, sides: int = 12) -> Solid:
-    """A bar from point to point, round or with few sides; `radii` of both ends where it tapers."""
+    """Make a bar from point to point, round or with few sides; a pair of `radii` makes it taper."""
     first, last = radii if isinstance(radii, tuple) else (radii, radii)
     length = float(np.linalg.norm(np.subtract(end, start)))
     profile = [(0, 0), (first, 0), (last, length), (0, length)]
@@ -53,8 +53,8 @@ def rod(start: Triple, end: Triple, radii: float | tuple[float, float], material
     return mesh, material
 
 
-def turned(profile: list[tuple[float, float]], material: str, center: Triple = (0, 0, 0)) -> Solid:
-    """What a lathe makes of (radius, height) pairs, about the vertical through `center`."""
+def lathe(profile: list[tuple[float, float]], material: str, center: Triple = (0, 0, 0)) -> Solid:
+    """Revolve (radius, height) pairs about the vertical through `center`."""
     mesh = trimesh.creation.revolve(profile, sections=SECTIONS)
     mesh.apply_transform(trimesh.transformations.rotation_matrix(-np.pi / 2, (1, 0, 0)))
     mesh.apply_translation(center)
@@ -62,7 +62,7 @@ def turned(profile: list[tuple[float, float]], material: str, center: Triple = (
 
 
 def ring(radius: float, thickness: float, center: Triple, scale: Triple, material: str) -> Solid:
-    """A torus in the plane of x and y, scaled along the axes: a handle."""
+    """Make a torus in the plane of x and y, scaled along the axes: a handle."""
     mesh = trimesh.creation.torus(radius, thickness, major_sections=SECTIONS, minor_sections=10)
     mesh.apply_scale(scale)
     mesh.apply_translation(center)
@@ -70,7 +70,7 @@ def ring(radius: float, thickness: float, center: Triple, scale: Triple, materia
 
 
 def between(front: Doubles, back: Doubles, material: str) -> Solid:
-    """A wall between two grids of points, each (rows, columns, 3): a curved panel, a shell, a cloth."""
+    """Make a wall between two grids of points, each (rows, columns, 3): a curved panel, a shell, a cloth."""
     rows, columns, _ = front.shape
     index = np.arange(rows * columns).reshape(rows, columns)
     cells = (index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1])
@@ -86,27 +86,27 @@ def between(front: Doubles, back: Doubles, material: str) -> Solid:
     return mesh, material
 
 
-def leaned(solids: list[Solid], slope: float, height: float) -> list[Solid]:
-    """The solids with what is above `height` moved back by `slope` times how far it is above."""
+def lean(solids: list[Solid], slope: float, height: float) -> list[Solid]:
+    """Return the solids with vertices above `height` moved back by `slope` times their height above it."""
     for mesh, _ in solids:
-        moved = np.array(mesh.vertices)
-        moved[:, 2] -= slope * np.maximum(moved[:, 1] - height, 0)
-        mesh.vertices = moved
+        vertices = np.array(mesh.vertices)
+        vertices[:, 2] -= slope * np.maximum(vertices[:, 1] - height, 0)
+        mesh.vertices = vertices
     return solids
 
 
-def assembled(solids: list[Solid], colours: dict[str, Triple]) -> list[trimesh.Trimesh]:
-    """The solids in the object frame (box centred, longest side 1), coloured by material (RGB in [0, 1])."""
+def assemble(solids: list[Solid], colors: dict[str, Triple]) -> list[trimesh.Trimesh]:
+    """Return the solids in the object frame (box centered, longest side 1), colored by material (RGB in [0, 1])."""
     transform = to_object_frame([mesh for mesh, _ in solids], np.eye(3))
     parts = []
     for mesh, material in solids:
         mesh.apply_transform(transform)
         part = trimesh.graph.smooth_shade(mesh, angle=EDGE_RAD)
-        paint(part, colours[material])
+        paint(part, colors[material])
         parts.append(part)
     return parts
 
 
-def paint(part: trimesh.Trimesh, colour: Triple) -> None:
-    """Give a part one colour, RGB in [0, 1], in place of what it had."""
-    part.visual = trimesh.visual.ColorVisuals(part, face_colors=[*(round(255 * each) for each in colour), 255])
+def paint(part: trimesh.Trimesh, color: Triple) -> None:
+    """Replace a part's look by one color, RGB in [0, 1]."""
+    part.visual = trimesh.visual.ColorVisuals(part, face_colors=[*(round(255 * each) for each in color), 255])

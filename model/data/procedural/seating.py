@@ -1,23 +1,23 @@
-"""Designs of chairs, beds and tables at random: each function draws one piece, standing on the floor, facing +Z."""
+"""Random designs of chairs, beds and tables. Each piece stands on the floor and faces +Z."""
 
 import math
 
 import numpy as np
 
 from model.data.procedural.curved import arched_board, cloth
-from model.data.procedural.primitives import Rng, Solid, box, cushion, leaned, rod, turned
+from model.data.procedural.primitives import Rng, Solid, box, cushion, lathe, lean, rod
 from model.data.procedural.stands import fronts, legs, stand
 
 
 def chair(rng: Rng) -> list[Solid]:
-    """A chair, armchair of bars, office chair or bench."""
+    """Make a chair, armchair of bars, office chair or bench."""
     width = rng.uniform(0.38, 0.62) * (rng.uniform(2, 3) if rng.random() < 0.12 else 1)
     depth, seat = rng.uniform(0.38, 0.6), rng.uniform(0.36, 0.52)
     solids = stand(rng, width, depth, seat)
     solids += _seat(rng, width, depth, seat)
     height = rng.uniform(0.3, 0.65)
     slope = rng.uniform(0, 0.35)
-    solids += leaned(_back(rng, width, depth, seat, height), slope, seat)
+    solids += lean(_back(rng, width, depth, seat, height), slope, seat)
     if rng.random() < 0.35:
         solids += _bar_arms(rng, width, depth, seat)
     return solids
@@ -32,7 +32,7 @@ def _seat(rng: Rng, width: float, depth: float, top: float) -> list[Solid]:
 
 
 def _back(rng: Rng, width: float, depth: float, seat: float, height: float) -> list[Solid]:
-    """A panel, a padded one, or posts with bars up or across."""
+    """Make a back: a panel, a padded panel, or posts with upright or cross bars."""
     x, z, top = width / 2 * rng.uniform(0.85, 1.0), -depth / 2, seat + height
     kind, thick = rng.random(), rng.uniform(0.02, 0.08)
     gap = rng.uniform(0, 0.5) * height if rng.random() < 0.4 else 0.0
@@ -59,17 +59,17 @@ def _bar_arms(rng: Rng, width: float, depth: float, seat: float) -> list[Solid]:
 
 
 def stool(rng: Rng) -> list[Solid]:
-    """A seat without a back, low or as high as a bar."""
+    """Make a seat without a back, low or at bar height."""
     width, seat = rng.uniform(0.3, 0.5), rng.uniform(0.3, 0.85)
     if rng.random() < 0.4:
         return [*stand(rng, width, width, seat), *_seat(rng, width, width, seat)]
     thick = rng.uniform(0.03, 0.12)
-    top = turned([(0, seat - thick), (width / 2, seat - thick), (width / 2, seat), (0, seat)], "cloth")
+    top = lathe([(0, seat - thick), (width / 2, seat - thick), (width / 2, seat), (0, seat)], "cloth")
     return [*stand(rng, width * 0.8, width * 0.8, seat - thick), top]
 
 
 def bed(rng: Rng) -> list[Solid]:
-    """A bed for one or two, or a bunk."""
+    """Make a bed for one or two, or a bunk bed."""
     width, length = rng.uniform(0.8, 2.0), rng.uniform(1.8, 2.2)
     solids = _berth(rng, width, length, 0.0)
     if width < 1.1 and rng.random() < 0.3:
@@ -119,7 +119,7 @@ def _berth(rng: Rng, width: float, length: float, floor: float) -> list[Solid]:
 
 
 def _board(rng: Rng, side: float, z: float, low: float, high: float) -> list[Solid]:
-    """A headboard or footboard: a panel, one with an arched top, a padded one, or posts with bars."""
+    """Make a headboard or footboard: a flat, arched or padded panel, or posts with bars."""
     thick = rng.uniform(0.03, 0.1) * math.copysign(1, z)
     near, far = sorted((z, z + thick))
     kind = rng.random()
@@ -137,7 +137,7 @@ def _board(rng: Rng, side: float, z: float, low: float, high: float) -> list[Sol
 
 
 def crib(rng: Rng) -> list[Solid]:
-    """A baby's bed: bars all around."""
+    """Make a baby's bed with bars all around."""
     side, end = rng.uniform(0.28, 0.42), rng.uniform(0.5, 0.72)
     low, high = rng.uniform(0.1, 0.35), rng.uniform(0.7, 1.1)
     solids = [cushion((-side, low, -end), (side, low + 0.14, end), "sheet", 0.15)]
@@ -152,7 +152,7 @@ def crib(rng: Rng) -> list[Solid]:
 
 
 def table(rng: Rng) -> list[Solid]:
-    """A table, low or high, with a rectangular or round top; some under a cloth."""
+    """Make a table, low or high, with a rectangular or round top; some under a cloth."""
     width, depth = rng.uniform(0.5, 2.0), rng.uniform(0.45, 1.1)
     height = rng.uniform(0.3, 0.55) if rng.random() < 0.4 else rng.uniform(0.65, 0.95)
     if rng.random() < 0.12:
@@ -162,7 +162,7 @@ def table(rng: Rng) -> list[Solid]:
         radius = width / 2 if rng.random() < 0.5 else depth / 2
         width = depth = radius * 1.3
         under = height - thick
-        solids = [turned([(0, under), (radius, under), (radius, height), (0, height)], "top")]
+        solids = [lathe([(0, under), (radius, under), (radius, height), (0, height)], "top")]
     else:
         solids = [box((-width / 2, height - thick, -depth / 2), (width / 2, height, depth / 2), "top")]
     solids += stand(rng, width, depth, height - thick)
@@ -176,7 +176,7 @@ def table(rng: Rng) -> list[Solid]:
 
 
 def desk(rng: Rng) -> list[Solid]:
-    """A writing table with drawers on one or both sides."""
+    """Make a writing table with drawers on one or both sides."""
     width, depth, height = rng.uniform(1.0, 1.9), rng.uniform(0.5, 0.9), rng.uniform(0.68, 0.8)
     x, z, block = width / 2, depth / 2, rng.uniform(0.3, 0.5)
     solids = [box((-x, height - 0.04, -z), (x, height, z), "top")]

@@ -6,17 +6,19 @@ import numpy as np
 import trimesh
 
 from model.data.procedural.curved import arched_board
-from model.data.procedural.primitives import Rng, Solid, box, cushion, leaned, rod
+from model.data.procedural.primitives import Rng, Solid, box, cushion, lean, rod
 from model.data.procedural.stands import legs
 
 
 @dataclass(frozen=True)
 class _Plan:
-    """Lengths of a sofa in metres.
+    """Lengths of a sofa in meters.
 
-    seats, each : how many seats there are, and the width of one. front : half of the depth.
-    foot, base, seat, top : heights of the legs, of the box on them, of the cushions on that, and of the back.
-    back : thickness of the back. round_ : roundness of its cushions and of soft arms, as `cushion` has it.
+    seats, each : number of seats, and the width of one.
+    front : half of the depth.
+    foot, base, seat, top : heights of the legs, of the box on them, of the cushions on the box, and of the back.
+    back : thickness of the back.
+    round_ : `roundness` of its cushions and soft arms.
     """
 
     seats: int
@@ -36,11 +38,11 @@ class _Plan:
 
 
 def sofa(rng: Rng) -> list[Solid]:
-    """An armchair or a sofa of up to four seats, some around a corner."""
+    """Make an armchair or a sofa of up to four seats, some around a corner."""
     plan = _plan(rng)
     carrier = "wood" if rng.random() < 0.15 else "cloth"
     solids = [box((-plan.inner, plan.foot, -plan.front), (plan.inner, plan.base, plan.front), carrier)]
-    solids += leaned(_back(rng, plan), rng.uniform(0, 0.25), plan.seat)
+    solids += lean(_back(rng, plan), rng.uniform(0, 0.25), plan.seat)
     solids += _cushions(rng, plan, "cushion" if rng.random() < 0.4 else "cloth")
     arm = rng.uniform(0.1, 0.3) if rng.random() < 0.9 else 0.0
     if arm:
@@ -70,7 +72,7 @@ def _plan(rng: Rng) -> _Plan:
 
 
 def _back(rng: Rng, plan: _Plan) -> list[Solid]:
-    """A cushion as long as the seat, one with a rolled top, or a board: straight, arched, waved, with buttons."""
+    """Make a back: a cushion as long as the seat, some with a rolled top, or a board of any shape."""
     behind = plan.back - plan.front
     if rng.random() < 0.4:
         return arched_board(rng, plan.inner, behind, plan.foot, plan.top, plan.back)
@@ -84,7 +86,7 @@ def _back(rng: Rng, plan: _Plan) -> list[Solid]:
 
 
 def _cushions(rng: Rng, plan: _Plan, soft: str) -> list[Solid]:
-    """Cushions to sit on, one a seat or one for all, and some to lean on."""
+    """Make seat cushions, one per seat or one for all, and sometimes cushions to lean on."""
     solids, behind = [], plan.back - plan.front
     leaning = rng.random() < 0.5
     thick, round_ = rng.uniform(0.1, 0.2), rng.uniform(0.1, 0.4)
@@ -96,12 +98,12 @@ def _cushions(rng: Rng, plan: _Plan, soft: str) -> list[Solid]:
         if leaning:
             top = plan.seat + (plan.top - plan.seat) * rng.uniform(0.85, 1.15)
             pillow = cushion((left, plan.seat, behind), (left + wide, top, behind + thick), soft, plan.round_)
-            solids += leaned([pillow], 0.2, plan.seat)
+            solids += lean([pillow], 0.2, plan.seat)
     return solids
 
 
 def _arms(rng: Rng, plan: _Plan, arm: float) -> list[Solid]:
-    """Two arms of one kind: boxes or cushions, some rolled, as high as the back or falling to the front; or of wood."""
+    """Make two equal arms: boxes, cushions or wood, some rolled, some falling to the front."""
     top = plan.top if rng.random() < 0.15 else min(plan.top, plan.seat + rng.uniform(0.05, 0.25))
     inner, front = plan.inner, plan.front * rng.uniform(0.85, 1.0)
     kind, fall = rng.random(), rng.uniform(0, 0.3) if rng.random() < 0.4 else 0.0
@@ -130,7 +132,7 @@ def _arms(rng: Rng, plan: _Plan, arm: float) -> list[Solid]:
 
 
 def _corner(rng: Rng, plan: _Plan) -> list[Solid]:
-    """What makes a sofa of an L: a seat at one end that reaches forward, some with a back beside it."""
+    """Make the corner of an L-shaped sofa: an end seat that reaches forward, some with a back beside it."""
     side, reach = float(rng.choice([-1, 1])), rng.uniform(0.4, 1.4)
     near, far = sorted((side * plan.inner, side * (plan.inner - plan.each)))
     end, wall = plan.front + reach, sorted((side * plan.inner, side * (plan.inner + plan.back)))
@@ -146,7 +148,7 @@ def _corner(rng: Rng, plan: _Plan) -> list[Solid]:
 
 
 def _pillows(rng: Rng, plan: _Plan) -> list[Solid]:
-    """One to four pillows against the back, each turned its own way."""
+    """Make one to four pillows against the back, each turned at random."""
     solids = []
     for x in rng.uniform(-0.85, 0.85, int(rng.integers(1, 5))) * plan.inner:
         half, thick = rng.uniform(0.15, 0.25), rng.uniform(0.1, 0.2)

@@ -1,27 +1,27 @@
-"""What furniture stands on, and the fronts of its drawers and doors."""
+"""Legs and stands of furniture, and fronts of drawers and doors."""
 
 import itertools
 import math
 
 import numpy as np
 
-from model.data.procedural.primitives import Rng, Solid, box, rod, turned
+from model.data.procedural.primitives import Rng, Solid, box, lathe, rod
 
 
 def legs(rng: Rng, width: float, depth: float, height: float, radius: float) -> list[Solid]:
-    """Four legs below a box: round or square, tapering, some splayed."""
+    """Make four legs below a box: round or square, tapering, some splayed."""
     sides = 4 if rng.random() < 0.5 else 12
     foot = radius * rng.uniform(0.4, 1.0)
     inset, splay = rng.uniform(0.8, 0.96), rng.uniform(0.9, 1.15)
-    found = []
+    solids = []
     for x in (-width / 2 * inset, width / 2 * inset):
         for z in (-depth / 2 * inset, depth / 2 * inset):
-            found.append(rod((x * splay, 0, z * splay), (x, height, z), (foot, radius), "leg", sides))
-    return found
+            solids.append(rod((x * splay, 0, z * splay), (x, height, z), (foot, radius), "leg", sides))
+    return solids
 
 
 def stand(rng: Rng, width: float, depth: float, height: float) -> list[Solid]:
-    """What carries a seat or a table top: legs with or without bars, a pedestal, a star on castors, or runners."""
+    """Make the stand of a seat or table top: legs with or without bars, a pedestal, a star on castors, or runners."""
     kind, radius = rng.random(), rng.uniform(0.012, 0.045)
     if kind < 0.6:
         solids = legs(rng, width, depth, height, radius)
@@ -34,7 +34,7 @@ def stand(rng: Rng, width: float, depth: float, height: float) -> list[Solid]:
         foot, thick = min(width, depth) * rng.uniform(0.25, 0.48), rng.uniform(0.01, 0.05)
         pole = rng.uniform(0.02, 0.07)
         profile = [(0, 0), (foot, 0), (foot, thick), (pole, 2 * thick), (pole, height), (0, height)]
-        return [turned(profile, "leg")]
+        return [lathe(profile, "leg")]
     if kind < 0.84:
         reach, hub, count = min(width, depth) * rng.uniform(0.45, 0.6), rng.uniform(0.06, 0.12), int(rng.integers(3, 6))
         solids = [rod((0, hub, 0), (0, height, 0), 0.03, "leg")]
@@ -59,7 +59,7 @@ def stand(rng: Rng, width: float, depth: float, height: float) -> list[Solid]:
 def fronts(
     rng: Rng, sides: tuple[float, float], ends: tuple[float, float], z: float, cells: tuple[int, int]
 ) -> list[Solid]:
-    """Drawers or doors, columns by rows, on the front of a box at depth `z`, each with a knob or a bar."""
+    """Make drawers or doors, columns by rows, on the front of a box at depth `z`, with knobs, bars or neither."""
     gap, proud = 0.008, rng.uniform(0.005, 0.025)
     handle, across = rng.random(), rng.random() < 0.5
     xs, ys = np.linspace(*sides, cells[0] + 1), np.linspace(*ends, cells[1] + 1)
@@ -68,7 +68,7 @@ def fronts(
         for low, high in itertools.pairwise(ys):
             solids.append(box((left + gap, low + gap, z), (right - gap, high - gap, z + proud), "front"))
             x, y, out = (left + right) / 2, (low + high) / 2, z + proud + 0.025
-            if high - low > right - left:  # a door: its handle is where it opens
+            if high - low > right - left:  # a door: its handle is at the edge that opens
                 x = (right if column % 2 == 0 else left) + (0.06 if column % 2 else -0.06)
             if handle < 0.4:
                 solids.append(rod((x, y, z), (x, y, out), 0.015, "leg"))

@@ -1,5 +1,4 @@
-"""Textures of the training split's own materials, for pieces made by rule, so that not every made thing is of one
-colour, and for training objects that are to look otherwise: wood, cloth, prints, with what is drawn on them."""
+"""Textures of the training split's materials, for procedural pieces and for training objects with another look."""
 
 import hashlib
 from collections.abc import Iterable
@@ -12,24 +11,24 @@ from PIL import Image, ImageStat
 
 from model.data.manifest import Manifest
 from model.data.procedural.primitives import Rng, Triple, paint
-from model.data.rendering.surface import material_colour
+from model.data.rendering.surface import material_color
 from model.data.sources.meshes import MeshRecord
 from service.files import whole_file
 
 FOLDER: Final = "textures"  # in the data set's folder
 SUFFIXES: Final = (".jpg", ".jpeg", ".png")
-SIDES: Final = (32, 192)  # pixels: smaller ones are swatches of one colour, larger ones are made smaller
-UNEVEN: Final = 4.0  # standard deviation of the grey levels, of 255: what has less shows nothing
+SIDES: Final = (32, 192)  # pixels: smaller images are swatches of one color, larger ones are scaled down
+UNEVEN: Final = 4.0  # least standard deviation of the gray levels, of 255: less looks like one color
 REPEATS: Final = (0.6, 4.0)  # of a texture over the longest side, uniform in the logarithm
-TINTED_SHARE: Final = 0.4  # of the textures lose their own colour to another
-PRINT_SHARE: Final = 0.2  # of what is drawn are checks or stripes
+TINTED_SHARE: Final = 0.4  # of the textures are tinted in another color
+PRINT_SHARE: Final = 0.2  # of the drawn textures are checks or stripes
 PRINT_SIDE: Final = 96  # pixels
 
 
 def gather_textures(records: Iterable[MeshRecord], folder: Path) -> list[Path]:
-    """Keep the images beside the training split's meshes small, below the data set's folder; each once.
+    """Store small copies of the images beside the training split's meshes below the data set's folder, each once.
 
-    Where a mesh of another split lies in the same folder, none of that folder's: they may be its own.
+    Folders that also hold a mesh of another split are skipped: the images may belong to that mesh.
 
     Raises
     ------
@@ -44,76 +43,77 @@ def gather_textures(records: Iterable[MeshRecord], folder: Path) -> list[Path]:
     for path in sorted(path for place in beside for path in place.iterdir() if path.suffix.lower() in SUFFIXES):
         target = folder / FOLDER / f"{hashlib.sha256(path.read_bytes()).hexdigest()[:16]}.jpg"
         if not target.exists():
-            _keep_small(path, target)
+            _store_small(path, target)
     return texture_files(folder)
 
 
 def texture_files(folder: Path) -> list[Path]:
-    """What `gather_textures` kept, in order of their names."""
+    """Return the files that `gather_textures` wrote, sorted."""
     return sorted((folder / FOLDER).glob("*.jpg"))
 
 
-def _keep_small(path: Path, target: Path) -> None:
+def _store_small(path: Path, target: Path) -> None:
     try:
         with Image.open(path) as file:
             image = file.convert("RGB")
     except OSError:
-        return  # a model's broken image is no reason to stop
+        return  # skip a model's broken image
     smallest, largest = SIDES
     if min(image.size) < smallest or ImageStat.Stat(image.convert("L")).stddev[0] < UNEVEN:
         return
     factor = min(1, largest / min(image.size))
     image = image.resize([max(1, round(length * factor)) for length in image.size])
-    with whole_file(target) as kept:
-        image.save(kept, format="JPEG", quality=90)
+    with whole_file(target) as output:
+        image.save(output, format="JPEG", quality=90)
 
 
-def drawn(paths: list[Path], colour: Triple, rng: Rng) -> Image.Image:
-    """A texture at random, in its own colours or as shades of `colour` (RGB in [0, 1]), or a print on `colour`."""
+def draw_texture(paths: list[Path], color: Triple, rng: Rng) -> Image.Image:
+    """Draw a random texture in its own colors or in shades of `color` (RGB in [0, 1]), or a print on `color`."""
     if rng.random() < PRINT_SHARE:
-        return _printed(colour, rng)
+        return _draw_print(color, rng)
     with Image.open(paths[rng.integers(len(paths))]) as file:
         pixels = np.asarray(file.convert("RGB"), np.float32) / 255
     if rng.random() < TINTED_SHARE:
-        grey = pixels.mean(axis=2, keepdims=True)
-        pixels = grey / max(float(grey.mean()), 0.1) * np.array(colour, np.float32)
+        gray = pixels.mean(axis=2, keepdims=True)
+        pixels = gray / max(float(gray.mean()), 0.1) * np.array(color, np.float32)
     return Image.fromarray((255 * pixels.clip(0, 1)).astype(np.uint8))
 
 
-def _printed(colour: Triple, rng: Rng) -> Image.Image:
-    """Checks or stripes of another colour on `colour`."""
+def _draw_print(color: Triple, rng: Rng) -> Image.Image:
+    """Draw checks or stripes of another color on `color`."""
     waves = np.sin(2 * np.pi * rng.integers(2, 9) * np.arange(PRINT_SIDE) / PRINT_SIDE)
     stripes = 1 / (1 + np.exp(rng.uniform(2, 12) * (rng.uniform(-0.7, 0.7) - waves)))
     covered = np.add.outer(stripes, stripes * rng.integers(2)) / 2
     other = rng.uniform(0, 1, 3) if rng.random() < 0.5 else np.full(3, rng.choice([0.05, 0.95]))
-    pixels = np.array(colour) + covered[..., None] * (other - np.array(colour))
+    pixels = np.array(color) + covered[..., None] * (other - np.array(color))
     return Image.fromarray((255 * pixels.clip(0, 1)).astype(np.uint8))
 
 
 def redress(parts: list[trimesh.Trimesh], paths: list[Path], rng: Rng) -> None:
-    """Give some parts of an object another look: half of them a texture, a quarter a plain colour. Glass stays."""
+    """Change the look of an object's parts: half of them get a texture, a quarter a plain color. Glass stays."""
     for part in parts:
         kind = rng.random()
-        colour: Triple = tuple(rng.uniform(0.05, 0.95, 3).tolist())
-        if kind < 0.25 or material_colour(part)[1] < 1:
+        color: Triple = tuple(rng.uniform(0.05, 0.95, 3).tolist())
+        if kind < 0.25 or material_color(part)[1] < 1:
             continue
         if kind < 0.5:
-            paint(part, colour)
+            paint(part, color)
         else:
-            wrap(part, drawn(paths, colour, rng), *any_place(rng))
+            wrap(part, draw_texture(paths, color, rng), *random_placement(rng))
 
 
-def any_place(rng: Rng) -> tuple[float, tuple[float, float]]:
-    """How a texture may lie: `repeats` and `start` of `wrap`."""
+def random_placement(rng: Rng) -> tuple[float, tuple[float, float]]:
+    """Choose `repeats` and `start` of `wrap`."""
     return float(np.exp(rng.uniform(*np.log(REPEATS)))), (rng.random(), rng.random())
 
 
 def wrap(part: trimesh.Trimesh, image: Image.Image, repeats: float, start: tuple[float, float]) -> None:
-    """Lay a texture over a part from three sides, each face from the one that it looks to most.
+    """Lay a texture over a part along three axes, each vertex along the axis nearest to its normal.
 
-    repeats : over a length of 1. start : texture coordinates at the origin.
+    repeats : repetitions over a length of 1.
+    start : texture coordinates at the origin.
     """
     side = np.abs(part.vertex_normals).argmax(axis=1)
-    across = np.array([[2, 1], [0, 2], [0, 1]])[side]  # the two axes that a vertex's side shows
+    across = np.array([[2, 1], [0, 2], [0, 1]])[side]  # the two axes across that one
     uv = np.take_along_axis(np.asarray(part.vertices), across, axis=1) * repeats + np.array(start)
     part.visual = trimesh.visual.TextureVisuals(uv=uv, image=image)

@@ -1,17 +1,17 @@
-"""Designs of what is no furniture, at random: things put together from solids of any kind, plants, figures, doors."""
+"""Random designs other than furniture: things assembled from any solids, plants, figures, doors."""
 
 import math
 from typing import Final
 
 import numpy as np
 
-from model.data.procedural.primitives import MATERIALS, Doubles, Rng, Solid, Triple, between, box, cushion, rod, turned
+from model.data.procedural.primitives import MATERIALS, Doubles, Rng, Solid, Triple, between, box, cushion, lathe, rod
 
-COLOURED: Final = tuple(material for material in MATERIALS if material != "sheet")  # that is nearly always white
+COLORED: Final = tuple(material for material in MATERIALS if material != "sheet")  # a sheet is nearly always white
 
 
 def thing(rng: Rng) -> list[Solid]:
-    """A body with parts upon it, beside it, before it: toys, tools, machines. Those beside it mostly come in pairs."""
+    """Make a body with parts on top, in front and, mostly in pairs, beside it: a toy, tool or machine."""
     size = np.exp(rng.uniform(-1.2, 0.2, 3))
     low, high = -size / 2, size / 2
     solids = [_part(rng, low, high)]
@@ -27,14 +27,14 @@ def thing(rng: Rng) -> list[Solid]:
         for sign in (1, -1) if middle[0] and rng.random() < 0.8 else (1,):
             at = middle * np.array([sign, 1, 1])
             solids.append(_part(np.random.default_rng(look), at - half, at + half))
-        if axis == 1 and rng.random() < 0.4:  # the next are upon this one
+        if axis == 1 and rng.random() < 0.4:  # the next parts go on top of this one
             low, high = middle - half, middle + half
     return solids
 
 
 def _part(rng: Rng, low: Doubles, high: Doubles) -> Solid:
-    """A solid that fills a box: a block, a rounded one, a bar along one of its sides, or a turned one."""
-    kind, material = rng.random(), COLOURED[rng.integers(len(COLOURED))]
+    """Make a solid that fills a box: a block, a rounded block, or a lathed solid along one axis."""
+    kind, material = rng.random(), COLORED[rng.integers(len(COLORED))]
     start, end = _triple(low), _triple(high)
     if kind < 0.35:
         return box(start, end, material)
@@ -44,7 +44,7 @@ def _part(rng: Rng, low: Doubles, high: Doubles) -> Solid:
     waist = 1 + rng.uniform(0, 0.5) * np.sin(rng.uniform(0, 6) + rng.uniform(1, 6) * levels)
     waist *= 1 - rng.uniform(0, 0.9) * levels if rng.random() < 0.3 else 1
     radii = waist if kind < 0.85 else np.ones_like(waist)
-    mesh, _ = turned([(0, 0), *zip(radii.tolist(), levels.tolist(), strict=True), (0, 1)], material)
+    mesh, _ = lathe([(0, 0), *zip(radii.tolist(), levels.tolist(), strict=True), (0, 1)], material)
     axis = int(rng.choice(3, p=(0.25, 0.5, 0.25)))
     vertices = np.roll(np.array(mesh.vertices), axis - 1, axis=1)
     span = np.ptp(vertices, axis=0)
@@ -60,10 +60,10 @@ def _triple(numbers: Doubles) -> Triple:
 
 
 def plant(rng: Rng) -> list[Solid]:
-    """Leaves or a crown on stems, in a pot or without."""
+    """Make leaves or a crown on stems, with or without a pot."""
     radius, height = rng.uniform(0.1, 0.25), rng.uniform(0.12, 0.4)
     foot = radius * rng.uniform(0.6, 1.0)
-    solids = [turned([(0, 0), (foot, 0), (radius, height), (radius * 0.9, height), (0, height * 0.9)], "front")]
+    solids = [lathe([(0, 0), (foot, 0), (radius, height), (radius * 0.9, height), (0, height * 0.9)], "front")]
     if rng.random() < 0.35:
         return _crown(rng, height) if rng.random() < 0.3 else [*solids, *_crown(rng, height)]
     top = height + rng.uniform(0.05, 0.9)
@@ -73,7 +73,7 @@ def plant(rng: Rng) -> list[Solid]:
 
 
 def _crown(rng: Rng, low: float) -> list[Solid]:
-    """A trunk, and foliage in a ball, a cone or a few balls."""
+    """Make a trunk, and foliage in a ball, a cone or a few balls."""
     radius = rng.uniform(0.1, 0.35)
     middle = low + radius + rng.uniform(0.05, 0.6)
     solids = [rod((0, 0, 0), (0, middle, 0), rng.uniform(0.01, 0.04), "wood")]
@@ -88,7 +88,7 @@ def _crown(rng: Rng, low: float) -> list[Solid]:
 
 
 def _leaf(rng: Rng, low: float, top: float) -> Solid:
-    """A blade that rises from the middle and bends outward."""
+    """Make a blade that rises from the middle and bends outward."""
     angle, reach, wide = rng.uniform(0, 2 * math.pi), rng.uniform(0.05, 0.5), rng.uniform(0.01, 0.08)
     rise, fall = top - low, rng.uniform(0, 0.6)
     along = np.linspace(0, 1, 9)
@@ -102,7 +102,7 @@ def _leaf(rng: Rng, low: float, top: float) -> Solid:
 
 
 def figure(rng: Rng) -> list[Solid]:
-    """A person or an animal: a body with a head and limbs."""
+    """Make a person or an animal: a body with a head and limbs."""
     if rng.random() < 0.4:
         return _animal(rng)
     hip, waist, wide = rng.uniform(0.75, 0.95), rng.uniform(0.12, 0.2), rng.uniform(0.16, 0.25)
@@ -142,7 +142,7 @@ def _animal(rng: Rng) -> list[Solid]:
 
 
 def opening(rng: Rng) -> list[Solid]:
-    """A door or a window: a frame, a leaf or panes."""
+    """Make a door or a window: a frame, with a leaf or panes."""
     x, top, deep = rng.uniform(0.35, 0.9), rng.uniform(1.0, 2.2), rng.uniform(0.03, 0.1)
     bar = rng.uniform(0.03, 0.09)
     solids = [box((side - bar, 0, -deep), (side + bar, top, deep), "wood") for side in (-x, x)]

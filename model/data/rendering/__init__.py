@@ -1,1 +1,1 @@
-"""Views and surface points of meshes."""
+"""Render views of meshes and sample points on their surfaces."""

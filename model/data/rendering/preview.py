@@ -1,4 +1,4 @@
-"""A contact sheet of a data set: per object some of its views and its points."""
+"""Draw a contact sheet of a data set: some views of each object, and its points."""
 
 from pathlib import Path
 from typing import Final
@@ -21,12 +21,12 @@ Bytes = npt.NDArray[np.uint8]
 def preview(data: Path, output: Path, objects: int, variants: bool = False) -> None:
     """Write a PNG with one row per object: five views over white, then its points.
 
-    Objects are taken at even distances through the manifest, so that every source shows. With `variants`
-    the rows are what `hof-model data vary` wrote of these objects.
+    Objects are taken at even steps through the manifest, so that every source appears. With `variants`, the rows are
+    the variants of these objects that `hof-model data vary` wrote.
 
     Raises
     ------
-    FileNotFoundError : `data` holds no finished data set, or no variants of these objects where asked for.
+    FileNotFoundError : `data` holds no finished data set, or lacks the requested variants.
     """
     entries = Manifest.read(data).entries
     rows = []
@@ -35,11 +35,11 @@ def preview(data: Path, output: Path, objects: int, variants: bool = False) -> N
         rows += [(f"{entry.id} ({entry.category}, {entry.split})", file) for file in files]
     sheet = Image.new("RGB", (CELL * (len(VIEWS_SHOWN) + 1), (CELL + LABEL) * len(rows)), "white")
     pen = ImageDraw.Draw(sheet)
-    shown = VARIANT_VIEWS_SHOWN if variants else VIEWS_SHOWN
+    numbers = VARIANT_VIEWS_SHOWN if variants else VIEWS_SHOWN
     for row, (label, file) in enumerate(rows):
         with np.load(file) as arrays:
             views = arrays["views"]
-            cells = [flatten(views[view % len(views)]) for view in shown] + [draw(arrays["points"], CELL)]
+            cells = [flatten(views[view % len(views)]) for view in numbers] + [draw(arrays["points"], CELL)]
         top = row * (CELL + LABEL)
         pen.text((2, top), label, fill="black")
         for column, cell in enumerate(cells):
@@ -49,6 +49,6 @@ def preview(data: Path, output: Path, objects: int, variants: bool = False) -> N
 
 
 def flatten(view: Bytes) -> Bytes:
-    """An RGBA view over white: (S, S, 4) -> (S, S, 3) uint8."""
+    """Put an RGBA view over white: (S, S, 4) -> (S, S, 3) uint8."""
     alpha = view[..., 3:].astype(np.float32) / 255
     return (view[..., :3] * alpha + 255 * (1 - alpha)).astype(np.uint8)

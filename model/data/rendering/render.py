@@ -1,4 +1,4 @@
-"""Views of a mesh, off screen: RGBA with textures and lights, one worker per process."""
+"""Render views of a mesh off screen, as RGBA with textures and lights, one renderer per process."""
 
 import math
 from contextlib import closing
@@ -13,12 +13,12 @@ from PIL import Image
 
 from model.data.manifest import SIZE
 from model.data.rendering.cameras import ring_cameras
-from model.data.rendering.surface import material_colour, material_image, sample_surface
+from model.data.rendering.surface import material_color, material_image, sample_surface
 from model.data.sources.meshes import MeshRecord, load_parts
 from service.drawing.cloud import camera_axes
 
 SUPERSAMPLING: Final = 2
-POINTS: Final = 10_000
+SURFACE_POINTS: Final = 10_000
 FILL: Final = 0.94  # of the frame, by the object's larger half-extent
 MIN_OPACITY: Final = 0.35  # glass stays visible
 
@@ -28,22 +28,22 @@ Bytes = npt.NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class Rendered:
-    """What the data set keeps of a mesh.
+    """Views, cameras and surface points of a mesh.
 
     views : (RING_VIEWS, SIZE, SIZE, 4) uint8 RGBA, alpha is the mask.
     cameras : (RING_VIEWS, 2) float32, azimuth and elevation in degrees; azimuth 0 looks at the front.
-    points : (POINTS, 3) float32, object frame.
-    colours : (POINTS, 3) uint8 RGB.
+    points : (SURFACE_POINTS, 3) float32, object frame.
+    colors : (SURFACE_POINTS, 3) uint8 RGB.
     """
 
     views: Bytes
     cameras: Floats
     points: Floats
-    colours: Bytes
+    colors: Bytes
 
 
 def render(record: MeshRecord, seed: int) -> Rendered:
-    """Views and surface points of a record's mesh; the same seed and record give the same cameras.
+    """Render views and sample surface points of a record's mesh; cameras depend on seed and record only.
 
     Raises
     ------
@@ -51,26 +51,26 @@ def render(record: MeshRecord, seed: int) -> Rendered:
     """
     rng = np.random.default_rng([seed, *record.id.encode()])
     parts = load_parts(record)
-    points, colours = sample_surface(parts, POINTS, rng)
+    points, colors = sample_surface(parts, SURFACE_POINTS, rng)
     cameras = ring_cameras(rng)
     with closing(stage(parts)) as plotter:
         views = shoot(plotter, cameras, points, rng)
-    return Rendered(views, cameras[:, :2].astype(np.float32), points, colours)
+    return Rendered(views, cameras[:, :2].astype(np.float32), points, colors)
 
 
 def stage(parts: list[trimesh.Trimesh], multisampling: bool = True) -> pyvista.Plotter:
-    """Put the parts, with their materials, before an off-screen camera. To be closed after use.
+    """Put the parts, with their materials, before an off-screen camera; the caller closes the plotter.
 
-    Without `multisampling` views take a third of the time and edges are a little harder (under 1% of the
-    range, averaged over an image; the supersampling smooths them in any case).
+    Without `multisampling` views take a third of the time, and edges are a little harder (under 1% of the range,
+    averaged over an image); supersampling smooths them in any case.
     """
     side = SIZE * SUPERSAMPLING
     plotter = pyvista.Plotter(off_screen=True, window_size=[side, side], lighting="none")
     if not multisampling:
         plotter.disable_anti_aliasing()
-    plotter.set_background("black")  # so that what comes back is colour times alpha
+    plotter.set_background("black")  # the screenshot is then color times alpha
     for part in parts:
-        colour, opacity = material_colour(part)
+        color, opacity = material_color(part)
         surface = pyvista.PolyData.from_regular_faces(np.asarray(part.vertices), np.asarray(part.faces))
         surface.point_data.active_normals = np.asarray(part.vertex_normals)
         image = material_image(part)
@@ -78,7 +78,7 @@ def stage(parts: list[trimesh.Trimesh], multisampling: bool = True) -> pyvista.P
             surface.active_texture_coordinates = np.asarray(part.visual.uv)
         plotter.add_mesh(
             surface,
-            color=None if image is not None else colour.tolist(),
+            color=None if image is not None else color.tolist(),
             texture=None if image is None else pyvista.Texture(np.asarray(image)),
             opacity=max(opacity, MIN_OPACITY),
             ambient=0.3,
@@ -90,7 +90,7 @@ def stage(parts: list[trimesh.Trimesh], multisampling: bool = True) -> pyvista.P
 
 
 def stretch(plotter: pyvista.Plotter, scale: npt.NDArray[np.float64]) -> None:
-    """Scale what stands on the stage along the object frame's axes: (3,) factors of its own size."""
+    """Scale the parts on the stage along the object frame's axes by factors (3,) of their original size."""
     for actor in plotter.actors.values():
         actor.scale = tuple(scale)
 
@@ -98,12 +98,12 @@ def stretch(plotter: pyvista.Plotter, scale: npt.NDArray[np.float64]) -> None:
 def shoot(
     plotter: pyvista.Plotter, cameras: npt.NDArray[np.float64], points: Floats, rng: np.random.Generator
 ) -> Bytes:
-    """One view per camera, each under lights of its own: (n, SIZE, SIZE, 4) uint8 RGBA.
+    """Render one view per camera, each under its own random lights: (n, SIZE, SIZE, 4) uint8 RGBA.
 
     Parameters
     ----------
-    cameras : (n, 4) azimuth and elevation in degrees, distance from the object's centre in longest sides,
-        roll in degrees. The angle of view follows: the object fills the frame.
+    cameras : (n, 4) azimuth and elevation in degrees, distance from the object's center in longest sides,
+        roll in degrees. The angle of view is set so that the object fills the frame.
     points : (m, 3) float32 on the surface, object frame.
     """
     return np.stack([_shoot(plotter, camera, points, rng) for camera in cameras])
@@ -112,7 +112,7 @@ def shoot(
 def _shoot(
     plotter: pyvista.Plotter, camera: npt.NDArray[np.float64], points: Floats, rng: np.random.Generator
 ) -> Bytes:
-    """One view, (SIZE, SIZE, 4) uint8, unpremultiplied."""
+    """Render one view, (SIZE, SIZE, 4) uint8, unpremultiplied."""
     azimuth, elevation, distance, roll = camera.tolist()
     toward, right, up = camera_axes(azimuth, elevation)
     cos, sin = math.cos(math.radians(roll)), math.sin(math.radians(roll))
@@ -120,11 +120,11 @@ def _shoot(
     across, along = points @ (cos * right - sin * up) / depth, points @ (cos * up + sin * right) / depth
     half = max(np.abs(across).max(), np.abs(along).max()) / FILL
     plotter.camera_position = [tuple(distance * toward), (0, 0, 0), (0, 1, 0)]
-    plotter.camera.Roll(roll)  # the camera turns clockwise, its picture the other way
+    plotter.camera.Roll(roll)  # the camera turns clockwise, so its image turns the other way
     plotter.camera.view_angle = 2 * math.degrees(math.atan(half))
     plotter.reset_camera_clipping_range()
     _light(plotter, toward, right, up, rng)
-    plotter.render()  # screenshot() alone would return the frame before
+    plotter.render()  # screenshot() alone returns the previous frame
     shot = plotter.screenshot(transparent_background=True, return_img=True)
     premultiplied = Image.frombytes("RGBa", shot.shape[1::-1], np.ascontiguousarray(shot).tobytes())
     small = premultiplied.resize((SIZE, SIZE), Image.Resampling.BOX)
@@ -132,7 +132,7 @@ def _shoot(
 
 
 def _light(plotter: pyvista.Plotter, toward: Floats, right: Floats, up: Floats, rng: np.random.Generator) -> None:
-    """A dim light at the camera, and a key light from a random place above and beside it."""
+    """Set a dim light at the camera, and a key light at a random position above and beside it."""
     plotter.remove_all_lights()
     key = toward + rng.uniform(-1.2, 1.2) * right + rng.uniform(0.2, 1.5) * up
     for direction, intensity in ((toward, 0.4), (key, rng.uniform(0.5, 0.8))):

@@ -1,1 +1,1 @@
-"""Meshes and photographs from outside."""
+"""Sources of meshes and photographs."""

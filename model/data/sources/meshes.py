@@ -1,4 +1,4 @@
-"""Where meshes come from: one record type for every source, and any folder of mesh files."""
+"""Mesh records of any source, folders of mesh files, and the object frame."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,11 +15,11 @@ MAX_FACES: Final = 4_000_000
 
 @dataclass(frozen=True)
 class MeshRecord:
-    """One mesh on disk and what is known of it.
+    """One mesh file and its metadata.
 
-    id : unique within the data set, stable between runs, `source/name`.
-    path : the mesh file; its materials and textures lie where the file says.
-    rotation : row-major 3x3 that turns the file's frame into the object frame (+Y up, front +Z).
+    id : `source/name`, unique within the data set, stable between runs.
+    path : the mesh file, which refers to its materials and textures.
+    rotation : row-major 3x3 matrix from the file's frame to the object frame (+Y up, front +Z).
     """
 
     id: str
@@ -28,16 +28,16 @@ class MeshRecord:
     name: str
     category: str
     creator: str
-    licence: str
+    license: str
     rotation: tuple[float, ...] = (1, 0, 0, 0, 1, 0, 0, 0, 1)
 
 
-def folder_records(root: Path, licence: str = "unknown") -> Iterator[MeshRecord]:
-    """Every mesh file below `root`, sorted; the category is the name of the file's folder.
+def folder_records(root: Path, license_: str = "unknown") -> Iterator[MeshRecord]:
+    """Yield every mesh file below `root`, sorted; the category is the name of the file's folder.
 
     Raises
     ------
-    NotADirectoryError : `root` is no folder.
+    NotADirectoryError : `root` is not a folder.
     """
     if not root.is_dir():
         raise NotADirectoryError(f"{root} is not a folder")
@@ -51,14 +51,14 @@ def folder_records(root: Path, licence: str = "unknown") -> Iterator[MeshRecord]
                 name=path.stem,
                 category=relative.parent.name or root.name,
                 creator="unknown",
-                licence=licence,
+                license=license_,
             )
 
 
 def load_parts(record: MeshRecord) -> list[trimesh.Trimesh]:
-    """The record's mesh in the object frame, as parts of one material each.
+    """Load the record's mesh in the object frame, as parts of one material each.
 
-    The bounding box is centred at the origin and its longest side is 1.
+    The bounding box is centered at the origin and its longest side is 1.
 
     Raises
     ------
@@ -69,7 +69,7 @@ def load_parts(record: MeshRecord) -> list[trimesh.Trimesh]:
     if not parts:
         raise ValueError("the file holds no triangles")
     if sum(len(part.faces) for part in parts) > MAX_FACES:
-        raise ValueError(f"more than {MAX_FACES} triangles")
+        raise ValueError(f"more than {MAX_FACES:,} triangles")
     transform = to_object_frame(parts, np.asarray(record.rotation, dtype=np.float64).reshape(3, 3))
     for part in parts:
         part.apply_transform(transform)
@@ -77,7 +77,7 @@ def load_parts(record: MeshRecord) -> list[trimesh.Trimesh]:
 
 
 def to_object_frame(parts: list[trimesh.Trimesh], rotation: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """4x4 that rotates by the 3x3, centres the bounding box of all parts and scales its longest side to 1.
+    """Return the 4x4 matrix that rotates the parts, centers their bounding box and scales its longest side to 1.
 
     Raises
     ------

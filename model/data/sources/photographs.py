@@ -1,4 +1,4 @@
-"""Free photographs to stand behind objects in training: what scikit-image brings along, and Debian's wallpapers."""
+"""Free photographs for training backgrounds: those bundled with scikit-image, and Debian's wallpapers."""
 
 from importlib.resources import files
 from pathlib import Path
@@ -25,34 +25,34 @@ BUNDLED: Final = (
     "motorcycle_left.png",
     "page.png",
     "rocket.jpg",
-)  # not coffee.png: the demo's photo stays unseen
-SHORTER_SIDE: Final = 512  # pixels kept: four frames of the encoder at its largest
+)  # without coffee.png: training must not see the demo's photo
+SHORTER_SIDE: Final = 512  # pixels: four times the largest input of an encoder
 
 
 def photograph_files(folder: Path) -> tuple[Path, ...]:
-    """scikit-image's photographs, and those that `fetch_photographs` wrote below a data set's folder."""
+    """Return scikit-image's photographs, and those that `fetch_photographs` wrote below a data set's folder."""
     bundled = (Path(str(files("skimage.data") / name)) for name in BUNDLED)
     return (*bundled, *sorted((folder / FOLDER).glob("*.jpg")))
 
 
 def fetch_photographs(folder: Path, work: Path) -> list[Path]:
-    """Download the wallpapers that are photographs and keep them small, below a data set's folder.
+    """Download the wallpapers that are photographs, and store small copies below a data set's folder.
 
     Raises
     ------
-    FileNotFoundError : the tools to get Debian's packages are missing, or there is no network.
+    FileNotFoundError : Debian's package tools are missing, or there is no network.
     """
     target = folder / FOLDER
     target.mkdir(parents=True, exist_ok=True)
     for package in PACKAGES:
         unpack(download(package, work), work / package)
         for path in sorted((work / package).rglob("*.jpg")):
-            if path.parent.name not in ("abstract", "desktop"):  # mate-backgrounds sorts its own
-                _keep_small(path, target / path.name)
+            if path.parent.name not in ("abstract", "desktop"):  # folders of mate-backgrounds without photographs
+                _store_small(path, target / path.name)
     return sorted(target.glob("*.jpg"))
 
 
-def _keep_small(path: Path, target: Path) -> None:
+def _store_small(path: Path, target: Path) -> None:
     with Image.open(path) as photograph:
         factor = SHORTER_SIDE / min(photograph.size)
         small = photograph.convert("RGB").resize([round(length * factor) for length in photograph.size])

@@ -8,7 +8,7 @@ import torch
 from PIL import Image
 from torch import Tensor
 
-from model.data.augment import PHOTOGRAPH_SCALES, _textures
+from model.data.augment import PHOTOGRAPH_SCALES, noise_textures
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ def photograph_pictures(photographs: Sequence[Image.Image], side: int, device: t
 
 def texture_pictures(side: int, device: torch.device) -> Pictures:
     """Return the textures of colored noise for frames of `side` pixels, float16 of unit variance."""
-    return Pictures.join([texture.permute(1, 2, 0).half() for texture in _textures(side)], device)
+    return Pictures.join([texture.permute(1, 2, 0).half() for texture in noise_textures(side)], device)
 
 
 def _below(limits: Tensor) -> Tensor:

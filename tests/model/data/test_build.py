@@ -1,4 +1,4 @@
-"""Rendering, deduplication, splits, and the data set that they make."""
+"""Rendering, deduplication, splits, and building a data set."""
 
 from pathlib import Path
 
@@ -35,7 +35,7 @@ def half_red_box(tmp_path: Path) -> MeshRecord:
     return MeshRecord("t/box", path, "t", "box", "c", "x", "CC0")
 
 
-def test_views_show_the_right_side_in_the_right_colour(half_red_box: MeshRecord) -> None:
+def test_render_two_colored_box_shows_the_right_side_in_the_right_color(half_red_box: MeshRecord) -> None:
     rendered = render(half_red_box, seed=0)
     assert rendered.views.shape == (RING_VIEWS, SIZE, SIZE, 4)
     assert rendered.cameras[:, 0] == pytest.approx(np.arange(RING_VIEWS) * 15)
@@ -49,7 +49,7 @@ def test_views_show_the_right_side_in_the_right_colour(half_red_box: MeshRecord)
     assert _redder(right[SIZE // 2 :]) > 0.9  # azimuth 90 looks at +X; above its face the top is seen
 
 
-def test_views_differ_and_repeat_by_seed(half_red_box: MeshRecord) -> None:
+def test_render_equal_seed_repeats_views_that_differ(half_red_box: MeshRecord) -> None:
     first, again, other = (render(half_red_box, seed) for seed in (0, 0, 1))
     assert (first.views == again.views).all()
     assert (first.points == again.points).all()
@@ -57,23 +57,23 @@ def test_views_differ_and_repeat_by_seed(half_red_box: MeshRecord) -> None:
     assert (first.views[0] != first.views[3]).any()
 
 
-def test_surface_points_lie_on_the_surface_with_its_colours(half_red_box: MeshRecord) -> None:
+def test_render_points_lie_on_the_surface_with_its_colors(half_red_box: MeshRecord) -> None:
     rendered = render(half_red_box, seed=0)
     x = rendered.points[:, 0]
     assert np.abs(rendered.points).max(axis=0) == pytest.approx([0.5, 0.25, 0.25], abs=1e-6)
-    red = rendered.colours[:, 0] > 128
+    red = rendered.colors[:, 0] > 128
     assert (red[x > 0.01]).all()
     assert not red[x < -0.01].any()
 
 
-def test_surface_sampling_follows_area() -> None:
+def test_sample_surface_two_boxes_follows_area() -> None:
     big, small = trimesh.creation.box(extents=(1, 1, 1)), trimesh.creation.box(extents=(0.5, 0.5, 0.5))
     small.apply_translation((3, 0, 0))
     points, _ = sample_surface([big, small], 20_000, np.random.default_rng(0))
     assert (points[:, 0] > 2).mean() == pytest.approx(0.2, abs=0.01)
 
 
-def test_a_texture_colours_the_points_as_it_does_the_views(tmp_path: Path) -> None:
+def test_render_texture_colors_points_as_views(tmp_path: Path) -> None:
     texture = Image.new("RGB", (64, 64), (0, 0, 255))
     texture.paste((255, 0, 0), (0, 0, 32, 64))  # the left half is red,
     texture.paste((0, 255, 0), (0, 0, 64, 16))  # the upper quarter green
@@ -84,12 +84,12 @@ def test_a_texture_colours_the_points_as_it_does_the_views(tmp_path: Path) -> No
     x, y, _ = rendered.points.T
     wanted = np.where(y > 0.25, 1, np.where(x < 0, 0, 2))
     inside = (np.abs(y - 0.25) > 0.02) & (np.abs(x) > 0.02)
-    assert (rendered.colours.argmax(axis=1) == wanted)[inside].all()
+    assert (rendered.colors.argmax(axis=1) == wanted)[inside].all()
     front = rendered.views[0][..., :3].argmax(axis=2)
     assert [front[14, 64], front[100, 30], front[100, 98]] == [1, 0, 2]
 
 
-def test_camera_axes_are_a_right_handed_frame() -> None:
+def test_camera_axes_any_angle_is_a_right_handed_frame() -> None:
     toward, right, up = camera_axes(0, 0)
     assert toward.tolist() == [0, 0, 1]
     assert right.tolist() == [1, 0, 0]
@@ -98,7 +98,7 @@ def test_camera_axes_are_a_right_handed_frame() -> None:
     assert np.stack([right, up, toward]) @ np.stack([right, up, toward]).T == pytest.approx(np.eye(3), abs=1e-6)
 
 
-def test_duplicates_are_found_turned_and_mirrored_but_not_look_alikes() -> None:
+def test_duplicates_turned_and_mirrored_copies_are_mapped_but_not_look_alikes() -> None:
     rng = np.random.default_rng(0)
     shape = trimesh.util.concatenate(
         [
@@ -119,7 +119,7 @@ def test_duplicates_are_found_turned_and_mirrored_but_not_look_alikes() -> None:
     assert duplicates(clouds) == {"b": "a", "c": "a", "e": "a"}
 
 
-def test_splits_are_disjoint_seeded_and_of_the_right_sizes() -> None:
+def test_assign_splits_by_seed_gives_disjoint_splits_of_the_right_sizes() -> None:
     ids = [f"object {index}" for index in range(200)]
     splits = assign_splits(ids, seed=3)
     sizes = {split: list(splits.values()).count(split) for split in ("train", "val", "test")}
@@ -128,9 +128,9 @@ def test_splits_are_disjoint_seeded_and_of_the_right_sizes() -> None:
     assert splits != assign_splits(ids, seed=4)
 
 
-def test_what_has_a_split_keeps_it() -> None:
+def test_assign_splits_fixed_ids_keep_their_split() -> None:
     before = assign_splits([f"object {index}" for index in range(100)], seed=0)
-    splits = assign_splits([f"object {index}" for index in range(3, 150)], seed=0, known=before)
+    splits = assign_splits([f"object {index}" for index in range(3, 150)], seed=0, fixed=before)
     assert {id_: split for id_, split in splits.items() if id_ in before} == {
         id_: split for id_, split in before.items() if id_ in splits
     }
@@ -138,7 +138,7 @@ def test_what_has_a_split_keeps_it() -> None:
     assert {split: fresh.count(split) for split in ("train", "val", "test")} == {"train": 40, "val": 5, "test": 5}
 
 
-def test_a_folder_that_grows_is_split_as_before_and_keeps_its_seed(tmp_path: Path) -> None:
+def test_build_grown_folder_keeps_splits_and_seed(tmp_path: Path) -> None:
     meshes, out = write_folder(tmp_path / "meshes"), tmp_path / "data"
     extra = next(path for path in sorted(meshes.rglob("*.*")) if path.name == "shape01.ply")
     waiting = extra.rename(tmp_path / "shape01.ply")
@@ -153,14 +153,14 @@ def test_a_folder_that_grows_is_split_as_before_and_keeps_its_seed(tmp_path: Pat
         build(folder_records(meshes), out, seed=1, processes=1)
 
 
-def test_meshes_of_one_name_are_refused(tmp_path: Path) -> None:
+def test_build_meshes_of_one_name_raises(tmp_path: Path) -> None:
     for name in ("chair.obj", "chair.ply"):
         trimesh.creation.box().export(tmp_path / name)
     with pytest.raises(ValueError, match=r"have one name, .*__chair: rename one of them"):
         build(folder_records(tmp_path), tmp_path / "data", seed=0, processes=1)
 
 
-def test_build_reports_bad_meshes_resumes_and_previews(tmp_path: Path) -> None:
+def test_build_bad_mesh_and_copy_are_reported_and_a_second_run_resumes(tmp_path: Path) -> None:
     meshes = write_folder(tmp_path / "meshes")
     (meshes / "round" / "broken.obj").write_text("this is no mesh")
     (meshes / "round" / "zcopy.ply").write_bytes((meshes / "boxes" / "shape01.ply").read_bytes())
@@ -180,7 +180,7 @@ def test_build_reports_bad_meshes_resumes_and_previews(tmp_path: Path) -> None:
         assert np.asarray(sheet.convert("L")).min() < 128
 
 
-def test_a_manifest_that_is_missing_says_what_to_run(tmp_path: Path) -> None:
+def test_manifest_missing_names_the_command_to_run(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match="hof-model data build"):
         Manifest.read(tmp_path)
 

@@ -22,10 +22,10 @@ def entry(number: int) -> Entry:
 
 
 def crops(views: int, red: int) -> Bytes:
-    """A square in the left half, of one colour."""
-    found = np.zeros((views, 32, 32, 4), np.uint8)
-    found[:, 8:24, 2:16] = [red, 30, 30, 255]
-    return found
+    """A square in the left half, of one color."""
+    pixels = np.zeros((views, 32, 32, 4), np.uint8)
+    pixels[:, 8:24, 2:16] = [red, 30, 30, 255]
+    return pixels
 
 
 @pytest.fixture
@@ -41,7 +41,7 @@ def examples() -> Examples:
     return Examples([entry(number) for number in range(OBJECTS)], shapes, photograph_files(Path("no folder")))
 
 
-def test_a_batch_depends_on_seed_and_step_alone(examples: Examples) -> None:
+def test_draw_batch_equal_seed_and_step_gives_equal_batches(examples: Examples) -> None:
     first, again = draw_batch(examples, CONFIG, 7), draw_batch(examples, CONFIG, 7)
     assert (first.images == again.images).all()
     assert (first.canonical == again.canonical).all()
@@ -51,32 +51,32 @@ def test_a_batch_depends_on_seed_and_step_alone(examples: Examples) -> None:
         assert (first.canonical != other.canonical).any()
 
 
-def test_every_object_comes_once_per_epoch(examples: Examples) -> None:
+def test_draw_batch_two_epochs_draw_every_object_twice(examples: Examples) -> None:
     steps = 2 * OBJECTS // CONFIG.batch  # two epochs
     owners = [int(p[0, 0].abs()) - 1 for step in range(steps) for p in draw_batch(examples, CONFIG, step).points]
     assert Counter(owners) == dict.fromkeys(range(OBJECTS), 2)
 
 
-def test_shapes_come_as_often_as_they_have_views(examples: Examples) -> None:
+def test_draw_batch_shapes_are_drawn_by_their_number_of_views(examples: Examples) -> None:
     config = replace(CONFIG, batch=40 * OBJECTS)
     stretched = (draw_batch(examples, config, 0).points[:, :, 1] >= 1).all(dim=1)
     assert float(stretched.float().mean()) == pytest.approx(12 / 16, abs=0.07)
 
 
-def test_a_share_is_set_aside_for_an_objects_own_shape(examples: Examples) -> None:
-    """Of its two own shapes 0.6 and what falls to them of the rest; pieces made by rule have no own shape."""
-    found = [[own, replace(own, points=own.points + 1), *[other] * 3] for own, other in examples.shapes]
+def test_draw_batch_own_share_draws_own_shapes_more_often(examples: Examples) -> None:
+    """Own shapes get 0.6 of the draws and their part of the rest; procedural pieces have no own shape."""
+    shapes = [[own, replace(own, points=own.points + 1), *[other] * 3] for own, other in examples.shapes]
     config = replace(CONFIG, batch=80 * OBJECTS, own_share=0.6)
     for drawn_from, share in (
-        (replace(examples, shapes=found), 0.6 + 0.4 * 8 / 44),
-        (replace(examples, shapes=[], made=found), 8 / 44),
+        (replace(examples, shapes=shapes), 0.6 + 0.4 * 8 / 44),
+        (replace(examples, shapes=[], pieces=shapes), 8 / 44),
     ):
         own = (draw_batch(drawn_from, config, 0).points[:, :, 1] < 1).all(dim=1)
         second = (draw_batch(drawn_from, config, 0).points[:, :, 2] >= 1).all(dim=1)
         assert float((own | second).float().mean()) == pytest.approx(share, abs=0.07)
 
 
-def test_an_image_and_its_points_are_of_one_object_and_mirrored_together(examples: Examples) -> None:
+def test_draw_batch_image_and_points_match_and_are_mirrored_together(examples: Examples) -> None:
     config = replace(CONFIG, batch=200)
     batch = draw_batch(examples, config, 0)
     mirrored = 0
@@ -89,26 +89,27 @@ def test_an_image_and_its_points_are_of_one_object_and_mirrored_together(example
         assert (dark[:8].sum() > dark[8:].sum()) == (signs[0] > 0)
         mirrored += int(signs[0] < 0)
         red, green, _ = image[:, 8, dark.argmax()].tolist()
-        if abs(red - green) > 0.1:  # else grey, or dark
+        if abs(red - green) > 0.1:  # else gray, or dark
             assert (red > green) == (points[0, 0].abs() > 2.5)  # the first two objects have less red than green
     assert 20 < mirrored < 80
 
 
-def test_points_keep_their_colours_mirrored_too(examples: Examples) -> None:
-    assert draw_batch(examples, CONFIG, 0).colours is None  # variants have none
+def test_draw_batch_mirrored_points_keep_their_colors(examples: Examples) -> None:
+    assert draw_batch(examples, CONFIG, 0).colors is None  # variants have none
     shapes = [own.points[:, 1:] * 255 for own, _ in examples.shapes]
-    colours = [
-        np.pad(found, ((0, 0), (1, 0)), constant_values=number).astype(np.uint8) for number, found in enumerate(shapes)
+    colors = [
+        np.pad(values, ((0, 0), (1, 0)), constant_values=number).astype(np.uint8)
+        for number, values in enumerate(shapes)
     ]
-    coloured = [[replace(own, colours=found)] for (own, _), found in zip(examples.shapes, colours, strict=True)]
-    batch = draw_batch(replace(examples, shapes=coloured), replace(CONFIG, batch=20), 0)
-    assert batch.colours is not None
-    assert (batch.colours[..., 0] + 1 == batch.points[..., 0].abs()).all()
-    assert (batch.colours[..., 1:] == (batch.points[..., 1:] * 255).byte()).all()
+    colored = [[replace(own, colors=rgb)] for (own, _), rgb in zip(examples.shapes, colors, strict=True)]
+    batch = draw_batch(replace(examples, shapes=colored), replace(CONFIG, batch=20), 0)
+    assert batch.colors is not None
+    assert (batch.colors[..., 0] + 1 == batch.points[..., 0].abs()).all()
+    assert (batch.colors[..., 1:] == (batch.points[..., 1:] * 255).byte()).all()
     assert (batch.points[:, 0, 0] < 0).any()
 
 
-def test_plain_images_are_the_crops_over_white() -> None:
+def test_plain_images_crops_are_put_over_white() -> None:
     image = plain_images(crops(1, 255), 16)
     assert image.shape == (1, 3, 16, 16)
     assert image[0, :, 8, 4].tolist() == pytest.approx([1, 30 / 255, 30 / 255])
@@ -130,7 +131,7 @@ def write(path: Path, views: int, level: int) -> None:
     np.savez_compressed(path, views=crops(views, 20 * level), points=np.full((100, 3), level, np.float32))
 
 
-def test_a_split_is_loaded_and_framed(folder: Path) -> None:
+def test_load_examples_split_is_loaded_and_framed(folder: Path) -> None:
     train = load_examples(folder, "train", CONFIG.framing)
     assert [one.id for one in train.entries] == ["s/0", "s/1"]
     images, points = train.built(5)
@@ -139,7 +140,7 @@ def test_a_split_is_loaded_and_framed(folder: Path) -> None:
     assert (points == np.arange(2)[:, None, None]).all()
 
 
-def test_variants_are_loaded_where_asked_for(folder: Path) -> None:
+def test_load_examples_with_variants_loads_them(folder: Path) -> None:
     with pytest.raises(FileNotFoundError, match="hof-model data vary --data"):
         load_examples(folder, "train", CONFIG.framing, variants=True)
     for name in ("0__0", "0__1", "0__2", "1__0", "2__0"):  # object 1 has not been stretched

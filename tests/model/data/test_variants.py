@@ -25,7 +25,7 @@ from model.data.variants import (
     stretch_factors,
     vary,
 )
-from model.data.warp import STRETCH, warped
+from model.data.warp import STRETCH, warp
 from service.drawing.cloud import camera_axes
 from tests.support.small.shapes import write_folder
 
@@ -51,7 +51,7 @@ def data(records: list[MeshRecord], tmp_path_factory: pytest.TempPathFactory) ->
     return folder
 
 
-def test_only_training_objects_are_stretched(data: Path) -> None:
+def test_vary_all_splits_stretches_training_objects_only(data: Path) -> None:
     for entry in Manifest.read(data).entries:
         files = variant_files(data, entry)
         assert len(files) == (3 if entry.split == "train" else 1)
@@ -61,7 +61,7 @@ def test_only_training_objects_are_stretched(data: Path) -> None:
     assert len(list((data / "variants").iterdir())) == 3 * 4 + 2
 
 
-def test_variant_0_has_the_objects_points_and_other_cameras(data: Path) -> None:
+def test_vary_variant_0_has_the_objects_points_and_other_cameras(data: Path) -> None:
     for entry in Manifest.read(data).entries:
         with np.load(data / entry.file) as base, np.load(variant_files(data, entry)[0]) as free:
             assert (base["points"] == free["points"]).all()
@@ -69,7 +69,7 @@ def test_variant_0_has_the_objects_points_and_other_cameras(data: Path) -> None:
             assert (free["cameras"][:, 3] != 0).all() == (entry.split == "train")  # roll
 
 
-def test_points_lie_where_the_views_show_the_object(data: Path) -> None:
+def test_vary_points_lie_where_the_views_show_the_object(data: Path) -> None:
     for entry in Manifest.read(data).entries:
         for file in variant_files(data, entry):
             with np.load(file) as arrays:
@@ -81,9 +81,9 @@ def test_points_lie_where_the_views_show_the_object(data: Path) -> None:
                     solid = view[..., 3] > 0
                     near = np.asarray(Image.fromarray(solid).convert("L").filter(ImageFilter.MaxFilter(3))) > 0
                     assert near[rows, columns].all()  # all points within a pixel of the object,
-                    seen = np.zeros_like(solid)
-                    seen[rows, columns] = True
-                    assert seen[solid].mean() > 0.5  # and all of the object under points
+                    covered = np.zeros_like(solid)
+                    covered[rows, columns] = True
+                    assert covered[solid].mean() > 0.5  # and all of the object under points
 
 
 def _pixels(
@@ -98,7 +98,7 @@ def _pixels(
     return ((1 - y / half) * SIZE / 2).astype(int), ((1 + x / half) * SIZE / 2).astype(int)
 
 
-def test_roll_turns_the_picture_against_the_camera(tmp_path: Path) -> None:
+def test_shoot_roll_turns_the_image_against_the_camera(tmp_path: Path) -> None:
     trimesh.creation.box(extents=(1, 0.1, 0.1)).export(tmp_path / "bar.ply")
     (record,) = folder_records(tmp_path)
     parts = load_parts(record)
@@ -110,7 +110,7 @@ def test_roll_turns_the_picture_against_the_camera(tmp_path: Path) -> None:
     assert math.degrees(math.atan(slope)) == pytest.approx(20, abs=1)  # a level bar rises to the right
 
 
-def test_running_again_adds_only_what_is_missing_and_the_same(data: Path, records: list[MeshRecord]) -> None:
+def test_vary_second_run_adds_equal_copies_of_missing_variants_only(data: Path, records: list[MeshRecord]) -> None:
     train = next(iter(Manifest.read(data).of("train")))
     lost = variant_file(data, train, 1)
     with np.load(lost) as arrays:
@@ -123,7 +123,7 @@ def test_running_again_adds_only_what_is_missing_and_the_same(data: Path, record
         assert all((again[key] == value).all() for key, value in first.items())
 
 
-def test_a_mesh_that_fails_is_reported_and_left_out(tmp_path: Path) -> None:
+def test_vary_broken_mesh_is_reported_and_left_out(tmp_path: Path) -> None:
     meshes = write_folder(tmp_path / "meshes")
     records = list(folder_records(meshes, "CC0"))[:2]
     folder = tmp_path / "data"
@@ -140,7 +140,7 @@ def test_a_mesh_that_fails_is_reported_and_left_out(tmp_path: Path) -> None:
         vary(folder_records(meshes, "CC0"), folder, variants=1, views=1, processes=1)
 
 
-def test_stretching_keeps_the_longest_side_at_1() -> None:
+def test_stretch_factors_any_seed_keeps_the_longest_side_at_1() -> None:
     parts = [trimesh.creation.box(extents=(1, 0.5, 0.25))]
     for seed in range(50):
         factors = stretch_factors(parts, np.random.default_rng(seed))
@@ -148,14 +148,14 @@ def test_stretching_keeps_the_longest_side_at_1() -> None:
         assert factors.max() / factors.min() <= math.exp(2 * STRETCH)
 
 
-def test_points_are_uniform_on_the_stretched_surface() -> None:
+def test_scaled_points_flat_box_are_uniform_on_the_scaled_surface() -> None:
     box = trimesh.creation.box(extents=(1, 1, 1))
     points = scaled_points([box], np.array([1, 1, 0.1]), np.random.default_rng(0))
     on_top = np.isclose(np.abs(points[:, 2]), 0.05, atol=1e-4).mean()
     assert on_top == pytest.approx(2 / 2.4, abs=0.02)  # 2 of 6 if the box's own faces had been sampled alike
 
 
-def test_the_command_writes_variants_and_a_sheet(data: Path, meshes: Path, tmp_path: Path) -> None:
+def test_command_vary_and_preview_write_variants_and_a_sheet(data: Path, meshes: Path, tmp_path: Path) -> None:
     assert cli.main(["data", "vary", "--data", str(data), "--meshes", str(meshes), "--variants", "2"]) == 0
     sheet = tmp_path / "sheet.png"
     assert cli.main(["data", "preview", "--data", str(data), "--variants", "--objects", "2", "-o", str(sheet)]) == 0
@@ -163,10 +163,10 @@ def test_the_command_writes_variants_and_a_sheet(data: Path, meshes: Path, tmp_p
         assert image.height >= 2 * 142
 
 
-def test_warped_shapes_stay_in_the_object_frame_and_symmetric() -> None:
+def test_warp_symmetric_box_stays_in_the_object_frame_and_symmetric() -> None:
     box = trimesh.creation.box(extents=(1, 0.6, 0.4)).subdivide()
     rng = np.random.default_rng(0)
-    shapes = [warped([box], rng)[0].vertices for _ in range(20)]
+    shapes = [warp([box], rng)[0].vertices for _ in range(20)]
     for vertices in shapes:
         assert np.ptp(vertices, axis=0).max() == pytest.approx(1)
         assert vertices.min(axis=0) + vertices.max(axis=0) == pytest.approx(np.zeros(3), abs=1e-9)
@@ -176,7 +176,7 @@ def test_warped_shapes_stay_in_the_object_frame_and_symmetric() -> None:
     assert min(tops) < 0.8 < max(tops)  # they taper
 
 
-def test_variants_past_the_stretched_ones_are_warped(records: list[MeshRecord], tmp_path: Path) -> None:
+def test_vary_above_stretched_is_warped(records: list[MeshRecord], tmp_path: Path) -> None:
     build(records, tmp_path, seed=0, processes=1)
     assert vary(records, tmp_path, variants=STRETCHED + 1, views=1, processes=1) == {}
     entry = next(iter(Manifest.read(tmp_path).of("train")))
@@ -186,13 +186,13 @@ def test_variants_past_the_stretched_ones_are_warped(records: list[MeshRecord], 
         assert not np.allclose(np.ptp(arrays["points"], axis=0), np.ptp(base["points"], axis=0), atol=0.02)
 
 
-def test_variants_past_the_warped_ones_need_textures(records: list[MeshRecord], tmp_path: Path) -> None:
+def test_vary_above_warped_without_textures_raises(records: list[MeshRecord], tmp_path: Path) -> None:
     build(records, tmp_path, seed=0, processes=1)
     with pytest.raises(FileNotFoundError, match="holds no textures: run `hof-model data textures` first"):
         vary(records, tmp_path, WARPED + 1, views=1, processes=1)
 
 
-def test_variants_past_the_warped_ones_have_other_textures(
+def test_render_variants_above_warped_have_other_textures(
     records: list[MeshRecord], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     build(records, tmp_path, seed=0, processes=1)

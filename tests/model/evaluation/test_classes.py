@@ -1,4 +1,4 @@
-"""Classes by name: the pitfalls of real catalogue names."""
+"""Classes by name: the pitfalls of real catalog names."""
 
 import pytest
 
@@ -42,5 +42,5 @@ from model.evaluation.classes import class_of
         ("Siamese cat", "Characters", "figure"),
     ],
 )
-def test_class_of_a_name(name: str, category: str, expected: str) -> None:
+def test_class_of_catalog_name_returns_its_class(name: str, category: str, expected: str) -> None:
     assert class_of(Entry("", name, "", category, "", "", "", "", "test")) == expected

@@ -1,4 +1,4 @@
-"""Harder images: what each condition does to a view, and that the service still takes it."""
+"""Harder images: the effect of each condition on a view, and the service's answer."""
 
 import io
 from pathlib import Path
@@ -16,7 +16,7 @@ from tests.support.small import data as small_data
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return small_data.write(tmp_path_factory.mktemp("perturb") / "data", train=1, test=2)
+    return small_data.write(tmp_path_factory.mktemp("conditions") / "data", train=1, test=2)
 
 
 @pytest.fixture(scope="module")
@@ -36,11 +36,11 @@ def plain(data: Path, entry: Entry) -> npt.NDArray[np.uint8]:
     return views
 
 
-def test_plain_views_are_left_alone(data: Path, entry: Entry) -> None:
+def test_condition_views_plain_are_unchanged(data: Path, entry: Entry) -> None:
     assert (np.stack(shown(data, entry, "plain")) == plain(data, entry)).all()
 
 
-def test_other_cameras_come_from_the_rendered_variants(data: Path, entry: Entry) -> None:
+def test_condition_views_other_cameras_are_the_rendered_variants(data: Path, entry: Entry) -> None:
     with np.load(data / "variants" / f"{entry.id}__0.npz") as arrays:
         expected = arrays["views"][[0, 3, 6, 9]]
     assert (np.stack(shown(data, entry, "other cameras")) == expected).all()
@@ -48,21 +48,23 @@ def test_other_cameras_come_from_the_rendered_variants(data: Path, entry: Entry)
         shown(data, next(Manifest.read(data).of("train")), "other cameras")
 
 
-@pytest.mark.parametrize("condition", ["flat colour", "photograph"])
-def test_backgrounds_surround_the_object_and_differ_by_view(data: Path, entry: Entry, condition: Condition) -> None:
+@pytest.mark.parametrize("condition", ["flat color", "photograph"])
+def test_condition_views_backgrounds_surround_the_object_and_differ_by_view(
+    data: Path, entry: Entry, condition: Condition
+) -> None:
     images = shown(data, entry, condition)
     for view, image in zip(plain(data, entry), images, strict=True):
         assert image.shape == (view.shape[0] + 2 * MARGIN, view.shape[1] + 2 * MARGIN, 3)
         middle, solid = image[MARGIN:-MARGIN, MARGIN:-MARGIN], view[..., 3] == 255
         assert (middle[solid] == view[..., :3][solid]).all()
-        assert (len(np.unique(image[:MARGIN].reshape(-1, 3), axis=0)) == 1) == (condition == "flat colour")
+        assert (len(np.unique(image[:MARGIN].reshape(-1, 3), axis=0)) == 1) == (condition == "flat color")
     assert not (images[0][0] == images[1][0]).all()
     assert all((a == b).all() for a, b in zip(images, shown(data, entry, condition), strict=True))
     assert not (images[0][0] == shown(data, entry, condition, seed=1)[0][0]).all()
 
 
-def test_grey_has_no_colour_and_the_same_mask(data: Path, entry: Entry) -> None:
-    for view, image in zip(plain(data, entry), shown(data, entry, "grey"), strict=True):
+def test_condition_views_gray_has_no_color_and_the_same_mask(data: Path, entry: Entry) -> None:
+    for view, image in zip(plain(data, entry), shown(data, entry, "gray"), strict=True):
         assert (image[..., 0] == image[..., 1]).all()
         assert (image[..., 0] == image[..., 2]).all()
         assert (image[..., 3] == view[..., 3]).all()
@@ -70,14 +72,16 @@ def test_grey_has_no_colour_and_the_same_mask(data: Path, entry: Entry) -> None:
 
 
 @pytest.mark.parametrize("condition", CONDITIONS)
-def test_the_service_takes_every_condition(data: Path, entry: Entry, condition: Condition) -> None:
-    masks = {"flat colour": "border", "photograph": "none"}
+def test_condition_views_every_condition_is_accepted_by_the_service(
+    data: Path, entry: Entry, condition: Condition
+) -> None:
+    masks = {"flat color": "border", "photograph": "none"}
     with np.load(data / entry.file) as arrays:
         for photo in condition_views(data, entry, condition, arrays["views"][:2], 0):
             framed = preprocess(photo, Framing(32))
             assert framed.mask == masks.get(condition, "alpha")
 
 
-def test_the_photographs_are_photographs() -> None:
+def test_photographs_held_out_are_three_color_images() -> None:
     assert len(photographs()) == 3
     assert all(photograph.shape[2] == 3 and photograph.std() > 30 for photograph in photographs())

@@ -1,4 +1,4 @@
-"""Figures of methods whose answers are known, and the path that an image takes."""
+"""Evaluation of methods with predictable answers, along the path of an image."""
 
 from pathlib import Path
 
@@ -25,7 +25,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return small_data.write(tmp_path_factory.mktemp("evaluate") / "data", train=4, test=3)
 
 
-def test_a_perfect_answer_is_perfect_and_counts_are_prefixes(data: Path) -> None:
+def test_measure_perfect_answer_scores_1_and_counts_are_prefixes(data: Path) -> None:
     objects = list(cases(data, "test"))
     whole, part = measure("one cloud", lambda _, n: objects[0].points[:n], objects, data, counts=(10_000, 1_000))
     assert (whole.n, part.n) == (10_000, 1_000)
@@ -35,24 +35,24 @@ def test_a_perfect_answer_is_perfect_and_counts_are_prefixes(data: Path) -> None
     assert (whole.column("cd_forward")[1:] > 1).all()
 
 
-def test_figures_are_means_over_views(data: Path) -> None:
+def test_measure_four_views_returns_their_mean(data: Path) -> None:
     objects = list(cases(data, "test"))[:1]
     answers = iter([small_data.box(50), small_data.box(51), small_data.box(52), small_data.box(53)])
-    found = measure("four", lambda _, n: next(answers)[:n], objects, data)[0]
+    evaluation = measure("four", lambda _, n: next(answers)[:n], objects, data)[0]
     expected = [compare(small_data.box(number), objects[0].points)["cd_sq"] for number in (50, 51, 52, 53)]
-    assert found.column("cd_sq") == pytest.approx([np.mean(expected)])
+    assert evaluation.column("cd_sq") == pytest.approx([np.mean(expected)])
 
 
-def test_objects_keep_their_order(data: Path) -> None:
+def test_measure_objects_in_threads_keeps_their_order(data: Path) -> None:
     objects = list(cases(data, "test"))
-    found = measure_objects("number", lambda case: dict.fromkeys(NAMES, float(case.entry.id[-2:])), objects)
-    assert found.column("f@1%").tolist() == [4, 5, 6]
+    evaluation = measure_objects("number", lambda case: dict.fromkeys(NAMES, float(case.entry.id[-2:])), objects)
+    assert evaluation.column("f@1%").tolist() == [4, 5, 6]
 
 
-def test_an_encoder_under_every_condition(data: Path, model_path: Path) -> None:
+def test_encoder_record_every_condition_has_its_evaluation(data: Path, model_path: Path) -> None:
     encoder = Encoder.open(model_path, 1)
     record = encoder_record(encoder, data, "test", 0, CONDITIONS, (500, 10_000))
-    assert [(found.condition, found.n) for found in record.evaluations] == [
+    assert [(evaluation.condition, evaluation.n) for evaluation in record.evaluations] == [
         ("plain", 500),
         *((condition, 10_000) for condition in CONDITIONS),
     ]
@@ -64,16 +64,16 @@ def test_an_encoder_under_every_condition(data: Path, model_path: Path) -> None:
     assert (record.decoder.parameters, record.decoder.layers) == (encoder.spec.size, 2)
 
 
-def test_references_stand_in_the_order_that_they_must(data: Path) -> None:
-    found = {(one.method, one.condition): one.column("f@2%").mean() for one in references(data, "test", 0, CONDITIONS)}
-    assert {condition for _, condition in found} == set(CONDITIONS)
-    best = [found[name, "plain"] for name in ("same surface, sampled again", "oracle nearest neighbour")]
+def test_references_scores_are_in_the_necessary_order(data: Path) -> None:
+    scores = {(one.method, one.condition): one.column("f@2%").mean() for one in references(data, "test", 0, CONDITIONS)}
+    assert {condition for _, condition in scores} == set(CONDITIONS)
+    best = [scores[name, "plain"] for name in ("sampling floor", "oracle nearest neighbor")]
     assert best == sorted(best, reverse=True)
     for other in ("image retrieval", "random training shape"):
-        assert found["oracle nearest neighbour", "plain"] >= found[other, "plain"]
+        assert scores["oracle nearest neighbor", "plain"] >= scores[other, "plain"]
 
 
-def test_the_ceiling_is_far_above_an_untrained_encoder(
+def test_ceiling_record_is_far_better_than_an_untrained_encoder(
     data: Path, model_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("model.evaluation.ceiling.STEPS", 150)
@@ -88,7 +88,7 @@ def test_the_ceiling_is_far_above_an_untrained_encoder(
     ("method", "parameters", "layers"),
     [("hof", 16 * 3 + 16 + 3 * 16 + 3, 2), ("deepsdf", 1_578_241, 8), ("foldingnet", 1_056_775, 6)],
 )
-def test_a_run_that_is_not_exported(
+def test_command_evaluate_run_writes_its_record(
     method: Method, parameters: int, layers: int, data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     spec = MappingSpec("small", 3, (16,), 3, k=2, domain="cube")
@@ -100,6 +100,6 @@ def test_a_run_that_is_not_exported(
     record = Record.read(tmp_path / "rival.json")
     assert record.decoder is not None
     assert (record.decoder.parameters, record.decoder.layers) == (parameters, layers)
-    assert (record.made["seed"], record.made["training"]["config"]["method"]) == (5, method)
+    assert (record.origin["seed"], record.origin["training"]["config"]["method"]) == (5, method)
     assert record.ids == ("object04", "object05", "object06")
     assert np.isfinite(record.evaluations[0].column("cd_sq")).all()

@@ -34,7 +34,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def root(data: Path, model_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where two models' mixtures were written."""
+    """Folder with the mixtures of two models."""
     folder = tmp_path_factory.mktemp("root")
     other = tiny_model.build(folder / "k4.onnx", SPEC_K4, meta=tiny_model.metadata(SPEC_K4, "tiny-k4"))
     for model in (model_path, other):
@@ -43,7 +43,7 @@ def root(data: Path, model_path: Path, tmp_path_factory: pytest.TempPathFactory)
 
 
 @pytest.fixture
-def found(root: Path) -> Mixtures:
+def mixtures(root: Path) -> Mixtures:
     return Mixtures.read(root / "model/results/mixtures/tiny-k2.json")
 
 
@@ -51,7 +51,7 @@ def _entry(number: int, name: str) -> Entry:
     return Entry(f"{number}", name, "s", "Living room", "", "CC0", "", "", "test")
 
 
-def test_half_of_the_pairs_are_of_one_class_and_none_is_drawn_twice() -> None:
+def test_draw_pairs_enough_of_a_class_halves_them_and_repeats_none() -> None:
     entries = [_entry(number, ("Chair", "Sofa", "Vase")[number % 3]) for number in range(60)]
     pairs = draw_pairs(entries, seed=0)
     assert len(pairs) == len({frozenset(pair[:2]) for pair in pairs}) == 200
@@ -63,7 +63,7 @@ def test_half_of_the_pairs_are_of_one_class_and_none_is_drawn_twice() -> None:
     assert 60 < sum(a < b for a, b, _ in pairs) < 140
 
 
-def test_where_one_class_has_few_pairs_the_others_make_up_for_it() -> None:
+def test_draw_pairs_few_of_a_class_fills_up_across_classes() -> None:
     entries = [_entry(number, "Chair" if number < 3 else "Vase") for number in range(100)]
     same = [pair[2] for pair in draw_pairs(entries, seed=0)]
     assert (same.count(True), same.count(False)) == (3, 197)
@@ -72,7 +72,7 @@ def test_where_one_class_has_few_pairs_the_others_make_up_for_it() -> None:
 @pytest.mark.parametrize(
     ("k", "words"), [(2, ["AB", "BA"]), (3, ["AAB", "ABB", "BAA"]), (4, ["AAAB", "AABB", "ABBB", "BBAA"])]
 )
-def test_words_of_both_are_measured(k: int, words: list[str]) -> None:
+def test_mixed_words_k_returns_gradient_and_even_words(k: int, words: list[str]) -> None:
     assert mixed_words(k) == words
 
 
@@ -80,13 +80,13 @@ def _distance(a: Array, b: Array) -> float:
     return 100 * float(nearest(a, b).mean() + nearest(b, a).mean())
 
 
-def test_figures_are_the_distances_of_the_clouds_that_the_model_draws(
-    found: Mixtures, data: Path, model_path: Path
+def test_measure_figures_are_distances_of_the_clouds_that_the_model_draws(
+    mixtures: Mixtures, data: Path, model_path: Path
 ) -> None:
     encoder, objects = Encoder.open(model_path, 1), {case.entry.id: case for case in cases(data, "test")}
     training = [case.points[:POINTS] for case in cases(data, "train")]
-    assert len(found.pairs) == TEST * (TEST - 1) // 2
-    for index, (id_a, id_b, _) in enumerate(found.pairs):
+    assert len(mixtures.pairs) == TEST * (TEST - 1) // 2
+    for index, (id_a, id_b, _) in enumerate(mixtures.pairs):
         a, b = (
             encoder.encode(preprocess(png(objects[id_].views[1]), encoder.framing).tensor)[0].theta
             for id_ in (id_a, id_b)
@@ -94,7 +94,7 @@ def test_figures_are_the_distances_of_the_clouds_that_the_model_draws(
         mean: Array = ((a + b) / 2).astype(np.float32)
         words: dict[str, tuple[Array, Array]] = {"A": (a, a), "B": (b, b), "AB": (a, b), "BA": (b, a)}
         words[AVERAGE] = (mean, mean)
-        assert found.figures.keys() == words.keys()
+        assert mixtures.figures.keys() == words.keys()
         for name, word in words.items():
             cloud = Sampler(encoder.spec, word).points(POINTS)
             expected = {
@@ -103,12 +103,12 @@ def test_figures_are_the_distances_of_the_clouds_that_the_model_draws(
                 "to_b": _distance(cloud, Sampler(encoder.spec, (b, b)).points(POINTS, seed=1)),
             }
             for figure, distance in expected.items():
-                assert found.figures[name][figure][index] == pytest.approx(distance, abs=1e-3), (name, figure)
+                assert mixtures.figures[name][figure][index] == pytest.approx(distance, abs=1e-3), (name, figure)
 
 
-def test_a_model_of_more_functions_has_its_gradient_in_a_picture(root: Path) -> None:
-    found = Mixtures.read(root / "model/results/mixtures/tiny-k4.json")
-    assert found.figures.keys() == {"A", "B", "AAAB", "AABB", "ABBB", "BBAA", AVERAGE}
+def test_command_mixtures_k_of_4_draws_its_gradient(root: Path) -> None:
+    mixtures = Mixtures.read(root / "model/results/mixtures/tiny-k4.json")
+    assert mixtures.figures.keys() == {"A", "B", "AAAB", "AABB", "ABBB", "BBAA", AVERAGE}
     for name, columns in (("tiny-k2", 3 + 3 + 1), ("tiny-k4", 5 + 1)):
         with Image.open(root / f"model/results/mixtures/{name}.png") as picture:
             assert picture.width == columns * 180
@@ -117,7 +117,7 @@ def test_a_model_of_more_functions_has_its_gradient_in_a_picture(root: Path) -> 
             assert all(ink[28:208, 180 * column : 180 * (column + 1)].any() for column in range(columns))
 
 
-def test_the_section_has_every_model_and_its_verdict(root: Path, tmp_path: Path) -> None:
+def test_section_two_models_have_their_tables_and_verdicts(root: Path, tmp_path: Path) -> None:
     page = section(root)
     assert page.startswith("## Mixtures\n")
     for head in ("### tiny-k2, k = 2", "### tiny-k4, k = 4", "| AABB |", "| average |", "| the object A |"):
@@ -126,33 +126,33 @@ def test_the_section_has_every_model_and_its_verdict(root: Path, tmp_path: Path)
     assert section(tmp_path) == ""
 
 
-def _shifted(found: Mixtures, nearest_by: float, parents_by: float) -> Mixtures:
-    """The same words, and averages that lie so much farther than those do."""
-    words = {figure: found.words(figure) for figure in ("nearest", "to_a", "to_b")}
+def _shifted(mixtures: Mixtures, nearest_by: float, parents_by: float) -> Mixtures:
+    """Copy with averages that lie farther than the words by these distances."""
+    words = {figure: mixtures.words(figure) for figure in ("nearest", "to_a", "to_b")}
     by = {"nearest": nearest_by, "to_a": parents_by, "to_b": parents_by}
     average = {figure: values + by[figure] for figure, values in words.items()}
-    return replace(found, figures={**found.figures, AVERAGE: average})
+    return replace(mixtures, figures={**mixtures.figures, AVERAGE: average})
 
 
-def test_the_verdict_follows_the_figures(found: Mixtures) -> None:
-    yes, no = verdict(_shifted(found, 1, -1)), verdict(_shifted(found, -1, 1))
+def test_verdict_shifted_figures_changes_with_them(mixtures: Mixtures) -> None:
+    yes, no = verdict(_shifted(mixtures, 1, -1)), verdict(_shifted(mixtures, -1, 1))
     assert yes.startswith("**Averaging gives blobs here, as the paper says**")
     assert "(+1.000 (+1.000 to +1.000))" in yes
     assert "they lie nearer than" in yes
     assert no.startswith("**Averaging gives no blobs here, unlike in the paper**")
     assert "they lie farther than" in no
-    assert verdict(_shifted(found, 0, 0)).startswith("**Whether averaging gives blobs stays open**")
+    assert verdict(_shifted(mixtures, 0, 0)).startswith("**Whether averaging gives blobs remains open**")
 
 
-def test_a_mixture_as_near_to_a_parent_as_another_sample_of_it_is_a_copy(found: Mixtures) -> None:
-    a, b = found.figures["A"], found.figures["B"]
+def test_copies_mixture_as_near_to_a_parent_as_its_own_sample_is_a_copy(mixtures: Mixtures) -> None:
+    a, b = mixtures.figures["A"], mixtures.figures["B"]
     between = {"nearest": a["nearest"], "to_a": 1.6 * a["to_a"], "to_b": 1.6 * b["to_b"]}
     for other, expected in (({}, False), ({"to_a": 1.4 * a["to_a"]}, True), ({"to_b": 1.4 * b["to_b"]}, True)):
-        mixture = replace(found, figures={**found.figures, "AB": {**between, **other}})
+        mixture = replace(mixtures, figures={**mixtures.figures, "AB": {**between, **other}})
         assert (mixture.copies("AB") == expected).all()
 
 
-def test_what_makes_no_mixtures_is_refused(
+def test_command_mixtures_k_of_1_or_one_object_is_refused(
     data: Path, model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     spec = MappingSpec("tiny", 3, (16,), 3)
@@ -165,7 +165,7 @@ def test_what_makes_no_mixtures_is_refused(
 
 
 @pytest.mark.parametrize("text", ["{}", "[]", "not JSON", '{"pairs": [], "figures": {"A": {}}}'])
-def test_another_file_is_refused(text: str, tmp_path: Path) -> None:
+def test_mixtures_other_file_is_refused(text: str, tmp_path: Path) -> None:
     (tmp_path / "x.json").write_text(text)
     with pytest.raises(ValueError, match="holds no mixtures"):
         Mixtures.read(tmp_path / "x.json")

@@ -1,4 +1,4 @@
-"""Ways to make a surface, measured on a known function."""
+"""Ways to make a surface, measured on the identity function."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -27,23 +27,25 @@ def unit_sphere() -> Sampler:
 
 
 @pytest.mark.parametrize("way", WAYS)
-def test_every_way_finds_the_sphere(unit_sphere: Sampler, way: str) -> None:
+def test_ways_identity_on_a_sphere_return_the_sphere(unit_sphere: Sampler, way: str) -> None:
     mesh = trimesh.Trimesh(*WAYS[way](unit_sphere), process=False)
     drawn, _ = trimesh.sample.sample_surface(mesh, 2000, seed=0)
     np.testing.assert_allclose(np.linalg.norm(drawn, axis=1), 1, atol=0.05)
     assert np.abs(drawn.mean(axis=0)).max() < 0.05
 
 
-def test_the_file_is_read_back(tmp_path: Path) -> None:
+def test_trials_written_reads_back_equal(tmp_path: Path) -> None:
     trials(0.3, 2).write(tmp_path / "surfaces.json")
     assert Trials.read(tmp_path / "surfaces.json") == trials(0.3, 2)
     assert Trials.read(tmp_path / "surfaces.json") != replace(trials(0.3, 2), trials=[])
 
 
-def test_the_command_measures_every_way(model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_surfaces_measures_every_way(
+    model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     data = small_data.write(tmp_path / "data", train=1, test=1)
     command = ["surfaces", "--model", str(model_path), "--data", str(data), "-o", str(tmp_path)]
     assert cli.main(command) == 0
-    found = Trials.read(tmp_path / SURFACES)
-    assert [trial.way for trial in found.trials] == [CLOUD, *WAYS]
-    assert section(found) in capsys.readouterr().out
+    record = Trials.read(tmp_path / SURFACES)
+    assert [trial.way for trial in record.trials] == [CLOUD, *WAYS]
+    assert section(record) in capsys.readouterr().out

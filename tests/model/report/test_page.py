@@ -38,10 +38,10 @@ def root(data: Path, model_path: Path, tmp_path_factory: pytest.TempPathFactory)
     return folder
 
 
-def test_the_page_holds_every_table(root: Path) -> None:
+def test_results_page_holds_every_section(root: Path) -> None:
     page = (root / "RESULTS.md").read_text()
     for head in (
-        "Asked and measured",
+        "Targets",
         "Comparison",
         "Classes",
         "Points",
@@ -53,35 +53,35 @@ def test_the_page_holds_every_table(root: Path) -> None:
     ):
         assert head in page
     assert "| rival |" in page
-    assert "## Colour" not in page
+    assert "## Color" not in page
     assert page.count("| tiny-k2 |") >= 6  # once compared, five conditions
     assert "test split, 2 objects" in page
 
 
-def test_another_shipped_model_is_compared_and_told(root: Path) -> None:
+def test_results_second_model_is_in_the_tables(root: Path) -> None:
     page = (root / "RESULTS.md").read_text()
     record = Record.read(root / "model/results/tiny-k4.json")
     assert (record.method, len(record.evaluations)) == ("tiny-k4", 1)
-    assert "sha256 " + record.made["digest"][:16] not in page  # the page's model is the first
+    assert "sha256 " + record.origin["digest"][:16] not in page  # the page's model is the first
     assert page.count("| tiny-k4 |") == 3  # compared, its differences, among the other methods
-    assert f"| {record.made['digest'][:16]} |" in page
+    assert f"| {record.origin['digest'][:16]} |" in page
 
 
-def test_methods_that_were_trained_alike_are_set_against_hof(root: Path) -> None:
+def test_results_compared_methods_are_set_against_hof(root: Path) -> None:
     page = (root / "RESULTS.md").read_text()
     table = page[page.index("| hof1-k2, 9 steps minus |") :].split("\n\n")[0].splitlines()
     assert [row.split(" | ")[0] for row in table[2:]] == ["| direct, 9 steps"]
     assert "+0.000 (+0.000 to +0.000)" in table[2]
 
 
-def test_the_raw_metrics_are_behind_it(root: Path) -> None:
+def test_results_record_holds_the_raw_metrics(root: Path) -> None:
     record = Record.read(root / "model/results/tiny-k2.json")
     assert record.ids == ("object03", "object04")
     assert len(record.evaluations) == 5 + 2 + 5 + 5  # conditions, other counts; retrieval, other references
-    assert len(record.made["digest"]) == 64
+    assert len(record.origin["digest"]) == 64
 
 
-def test_pictures_show_the_objects(root: Path) -> None:
+def test_results_pictures_show_the_objects(root: Path) -> None:
     for name, objects in (("tiny-k2", 2), ("tiny-k2-everyday", 2)):
         with Image.open(root / f"model/results/{name}.png") as sheet:
             assert sheet.size == (2 * 3 * 160, -(-objects // 2) * 176)
@@ -90,20 +90,20 @@ def test_pictures_show_the_objects(root: Path) -> None:
                 assert len(cell.getcolors(100_000) or []) > 1, (name, column)
 
 
-def test_a_model_in_colour_has_a_section_and_raw_metrics_of_it(data: Path, colored_path: Path, tmp_path: Path) -> None:
+def test_results_model_with_color_has_a_section_and_a_record(data: Path, colored_path: Path, tmp_path: Path) -> None:
     trials(0.39, 50).write(tmp_path / "model/results/surfaces.json")
     assert cli.main(["results", "--model", str(colored_path), "--data", str(data), "-o", str(tmp_path)]) == 0
-    section = (tmp_path / "RESULTS.md").read_text().partition("## Colour\n")[2].partition("\n## ")[0]
-    methods = ["tiny-k2", "mean colour of the object's pixels", "grey", "image retrieval", "true colours at the"]
+    section = (tmp_path / "RESULTS.md").read_text().partition("## Color\n")[2].partition("\n## ")[0]
+    methods = ["tiny-k2", "mean color of the object's pixels", "gray", "image retrieval", "true colors at the"]
     assert [section.index(f"| {method}") for method in methods] == sorted(section.index(f"| {m}") for m in methods)
     record = Record.read(tmp_path / "model/results/color/tiny-k2.json")
-    errors = {found.method: found.column("color_forward") for found in record.evaluations}
-    assert (errors["true colours at the predicted points"] == 0).all()
+    errors = {evaluation.method: evaluation.column("color_forward") for evaluation in record.evaluations}
+    assert (errors["true colors at the predicted points"] == 0).all()
     assert (errors["tiny-k2"] > 1).all()
-    assert (errors["grey"] < 128).all()
+    assert (errors["gray"] < 128).all()
 
 
-def test_a_record_of_other_objects_is_refused(
+def test_results_record_of_other_objects_is_refused(
     root: Path, data: Path, model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path / "model/results"

@@ -1,4 +1,4 @@
-"""Runs that were tried, in RESULTS.md."""
+"""The section of RESULTS.md on runs."""
 
 from pathlib import Path
 
@@ -18,28 +18,28 @@ from tests.support.small import network as small_network
 
 @pytest.fixture(scope="module")
 def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("tried")
+    folder = tmp_path_factory.mktemp("runs")
     data = small_data.write(folder / "data", train=3, test=2)
     state = RunState(small_network.CONFIG)
     state.step, state.elapsed_s = 1234, 90.0
     (folder / "run").mkdir()
     state.save(folder / "run", score=0)
-    asked = ["evaluate", "--run", str(folder / "run"), "--data", str(data), "--split", "test", "--photographs"]
-    assert cli.main([*asked, "--references", "-o", str(folder / RUNS / "run-1.json")]) == 0
+    command = ["evaluate", "--run", str(folder / "run"), "--data", str(data), "--split", "test", "--photographs"]
+    assert cli.main([*command, "--references", "-o", str(folder / RUNS / "run-1.json")]) == 0
     return folder
 
 
-def test_a_run_and_the_oracle_beside_it_have_a_row_each(root: Path) -> None:
+def test_section_run_with_oracle_has_a_row_for_each(root: Path) -> None:
     record = Record.read(root / RUNS / "run-1.json")
     own, oracle = (line for line in runs.section(root).splitlines() if line.startswith(("| run-1", f"| {ORACLE}")))
     assert own.startswith("| run-1 | 1,234 | 1.5 |")
     assert own.endswith(f"| {loss(record.evaluations, 'run-1', 'photograph'):.1f}% |")
-    figures = next(found.column("f@2%") for found in record.evaluations if found.method == ORACLE)
+    figures = next(evaluation.column("f@2%") for evaluation in record.evaluations if evaluation.method == ORACLE)
     assert f"{np.mean(figures):.3f} (" in oracle
     assert "2 objects of the\ntest split" in runs.section(root)
 
 
-def test_the_oracle_has_one_row_however_many_runs_stand_beside_it(root: Path, tmp_path: Path) -> None:
+def test_section_two_runs_have_one_row_for_the_oracle(root: Path, tmp_path: Path) -> None:
     record = Record.read(root / RUNS / "run-1.json")
     for name in ("run-1", "run-2"):
         record.write(tmp_path / RUNS / f"{name}.json")
@@ -47,5 +47,5 @@ def test_the_oracle_has_one_row_however_many_runs_stand_beside_it(root: Path, tm
     assert sum(line.startswith(f"| {ORACLE}") for line in lines) == 1
 
 
-def test_without_records_there_is_no_section(tmp_path: Path) -> None:
+def test_section_without_records_is_empty(tmp_path: Path) -> None:
     assert runs.section(tmp_path) == ""

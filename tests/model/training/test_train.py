@@ -134,4 +134,4 @@ def test_retrain_takes_its_steps_and_writes_a_record(
     monkeypatch.setitem(COMPARED, "small", replace(RUN, method="direct"))
     assert cli.main(["retrain", "small", "--steps", "3", "--data", str(built), "-o", str(tmp_path)]) == 0
     record = Record.read(tmp_path / "small.json")
-    assert (record.method, record.made["training"]["steps"]) == ("small, 3 steps", 3)
+    assert (record.method, record.origin["training"]["steps"]) == ("small, 3 steps", 3)

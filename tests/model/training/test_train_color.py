@@ -59,10 +59,10 @@ def test_a_point_has_the_colour_of_the_nearest_true_point(run: Path, data: Path)
         seen = see(encoder, CONFIG.spec, batch)
         points = power(CONFIG.spec, encoder(batch.images), batch.canonical)
         with pytest.raises(ValueError, match="hof-model data build"):
-            see(encoder, CONFIG.spec, replace(batch, colours=None))
+            see(encoder, CONFIG.spec, replace(batch, colors=None))
     nearest = torch.cdist(points, batch.points).argmin(dim=2)
-    assert batch.colours is not None
-    wanted = torch.stack([colours[index] for colours, index in zip(batch.colours, nearest, strict=True)])
+    assert batch.colors is not None
+    wanted = torch.stack([colours[index] for colours, index in zip(batch.colors, nearest, strict=True)])
     assert (seen.colours == wanted).float().mean() > 0.99
     assert (seen.canonical == batch.canonical).all()
 

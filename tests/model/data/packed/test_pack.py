@@ -10,7 +10,8 @@ import pytest
 import torch
 
 from model.data.dataset import load_examples
-from model.data.manifest import MADE, VARIANTS, Manifest
+from model.data.manifest import PIECES as PIECES_FOLDER
+from model.data.manifest import VARIANTS, Manifest
 from model.data.packed.options import PackOptions
 from model.data.packed.pack import pack
 from model.data.packed.shards import INDEX, quantize, read_table
@@ -37,9 +38,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for number in range(TRAIN):
         for variant in range(2):
             write(folder / VARIANTS / f"object{number:02d}__{variant}.npz", 20 * number + variant, 3)
-    (folder / MADE).mkdir()
+    (folder / PIECES_FOLDER).mkdir()
     for number in range(PIECES):
-        write(folder / MADE / f"{number:05d}.npz", 100 + number, 5)
+        write(folder / PIECES_FOLDER / f"{number:05d}.npz", 100 + number, 5)
     return folder
 
 

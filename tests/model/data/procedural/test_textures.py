@@ -1,4 +1,4 @@
-"""The textures of made pieces and redressed objects: where they come from, how they lie on a part."""
+"""Textures of procedural pieces and redressed objects: their source, and their layout on a part."""
 
 from contextlib import closing
 from pathlib import Path
@@ -12,13 +12,13 @@ from model import cli
 from model.data.manifest import Entry, Manifest, Split
 from model.data.procedural import textures
 from model.data.procedural.pieces import piece
-from model.data.procedural.textures import SIDES, drawn, texture_files, wrap
+from model.data.procedural.textures import SIDES, draw_texture, texture_files, wrap
 from model.data.rendering.render import shoot, stage
-from model.data.rendering.surface import material_colour, material_image
+from model.data.rendering.surface import material_color, material_image
 
 
 def noise(side: int, seed: int) -> Image.Image:
-    """8 x 8 fields of random colours."""
+    """8 x 8 fields of random colors."""
     fields = np.random.default_rng(seed).integers(0, 255, (8, 8, 3), np.uint8)
     return Image.fromarray(fields).resize((side, side), Image.Resampling.NEAREST)
 
@@ -50,37 +50,39 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root / "set"
 
 
-def test_they_are_the_training_objects_own_kept_once_and_small(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_gather_textures_mixed_splits_keeps_training_images_once_and_small(
+    data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     for _ in range(2):
         assert cli.main(["data", "textures", "--data", str(data), "--meshes", str(data.parent / "meshes")]) == 0
         assert capsys.readouterr().out == "1 textures\n"
     (kept,) = texture_files(data)
     with Image.open(kept) as image:
         assert image.size == (SIDES[1], SIDES[1])
-        seen = np.asarray(image, float)
+        pixels = np.asarray(image, float)
     own, other = (np.asarray(noise(SIDES[1], seed), float) for seed in (0, 1))
-    assert np.abs(seen - own).mean() < 10
-    assert np.abs(seen - other).mean() > 50
+    assert np.abs(pixels - own).mean() < 10
+    assert np.abs(pixels - other).mean() > 50
 
 
-def test_some_lose_their_colour_to_the_materials(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_draw_texture_many_draws_tints_some(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(textures, "PRINT_SHARE", 0)
     path = tmp_path / "green.jpg"
     Image.fromarray(
         np.dstack([np.zeros((8, 8)), np.arange(64).reshape(8, 8) * 3 + 40, np.zeros((8, 8))]).astype(np.uint8)
     ).save(path)
     rng = np.random.default_rng(0)
-    means = [np.asarray(drawn([path], (0.8, 0.1, 0.1), rng)).mean(axis=(0, 1)) for _ in range(40)]
+    means = [np.asarray(draw_texture([path], (0.8, 0.1, 0.1), rng)).mean(axis=(0, 1)) for _ in range(40)]
     red = [mean[0] > 2 * mean[1] for mean in means]
     assert 0 < np.mean(red) < 1
     assert all(mean[1] > 2 * mean[0] for mean, is_red in zip(means, red, strict=True) if not is_red)
 
 
-def test_some_are_checks_or_stripes_in_the_materials_colour(tmp_path: Path) -> None:
+def test_draw_texture_many_draws_prints_some_in_the_material_color(tmp_path: Path) -> None:
     path = tmp_path / "blue.jpg"
     Image.new("RGB", (8, 8), (0, 0, 255)).save(path)
     rng = np.random.default_rng(0)
-    images = [np.asarray(drawn([path], (0.9, 0.5, 0.1), rng), int) for _ in range(80)]
+    images = [np.asarray(draw_texture([path], (0.9, 0.5, 0.1), rng), int) for _ in range(80)]
     prints = [image for image in images if image.std(axis=(0, 1)).max() > 10]
     assert 0.1 < len(prints) / len(images) < 0.3
     assert all(np.abs(image - (230, 128, 26)).max(axis=2).min() < 90 for image in prints)
@@ -88,7 +90,7 @@ def test_some_are_checks_or_stripes_in_the_materials_colour(tmp_path: Path) -> N
     assert 0 < np.mean(striped) < 1
 
 
-def test_an_object_redressed_has_its_shape_and_another_look(data: Path) -> None:
+def test_redress_object_keeps_shape_and_changes_look(data: Path) -> None:
     glass = trimesh.visual.material.SimpleMaterial(diffuse=(90, 90, 200, 60))
     parts = [trimesh.graph.smooth_shade(trimesh.creation.box(), angle=0.7) for _ in range(80)]
     for part in parts[::2]:
@@ -100,12 +102,12 @@ def test_an_object_redressed_has_its_shape_and_another_look(data: Path) -> None:
     assert all((part.vertices == before).all() for part, before in zip(parts, corners, strict=True))
     assert all(part.visual.material is glass for part in parts[1::2])
     textured = [material_image(part) is not None for part in parts[::2]]
-    kept = [material_colour(part)[0].tolist() == [10, 20, 30] for part in parts[::2] if material_image(part) is None]
+    kept = [material_color(part)[0].tolist() == [10, 20, 30] for part in parts[::2] if material_image(part) is None]
     assert 0.3 < np.mean(textured) < 0.7
     assert 0 < np.mean(kept) < 1
 
 
-def test_a_texture_lies_flat_on_every_side_of_a_box() -> None:
+def test_wrap_box_lies_flat_on_every_side() -> None:
     box = trimesh.graph.smooth_shade(trimesh.creation.box(), angle=0.7)
     wrap(box, noise(16, 0), 2.0, (0.25, 0.0))
     assert material_image(box) is not None
@@ -115,7 +117,7 @@ def test_a_texture_lies_flat_on_every_side_of_a_box() -> None:
         assert flat == pytest.approx(2 * solid)
 
 
-def test_half_of_a_pieces_materials_are_textured_where_there_are_textures(data: Path) -> None:
+def test_piece_with_textures_has_half_of_its_materials_textured(data: Path) -> None:
     assert cli.main(["data", "textures", "--data", str(data), "--meshes", str(data.parent / "meshes")]) == 0
     rng = np.random.default_rng(0)
     parts = [part for _ in range(60) for part in piece(rng, texture_files(data))]
@@ -123,7 +125,7 @@ def test_half_of_a_pieces_materials_are_textured_where_there_are_textures(data: 
     assert not any(material_image(part) for part in piece(rng, []))
 
 
-def test_they_are_seen_and_the_shape_is_the_same_without(tmp_path: Path) -> None:
+def test_piece_with_and_without_textures_has_the_same_shape_and_another_look(tmp_path: Path) -> None:
     texture = tmp_path / "stripes.jpg"
     Image.fromarray(np.tile(np.repeat(np.array([[0, 255]], np.uint8), 16, axis=1), (32, 4))).save(texture)
     camera = np.array([[30.0, 20.0, 3.0, 0.0]])

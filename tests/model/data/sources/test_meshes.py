@@ -1,4 +1,4 @@
-"""Mesh sources: the Sweet Home 3D catalogue, any folder, and the object frame."""
+"""Mesh sources: the Sweet Home 3D catalog, any folder, and the object frame."""
 
 import zipfile
 from pathlib import Path
@@ -11,7 +11,7 @@ from PIL import Image
 from model.cli.common import ROOT, SHIPPED
 from model.data.sources.meshes import MeshRecord, folder_records, load_parts
 from model.data.sources.photographs import FOLDER, photograph_files
-from model.data.sources.sweethome3d import CATALOGUE, frozen_split, parse_catalogue, sh3f_files, sh3f_records
+from model.data.sources.sweethome3d import CATALOG, frozen_split, parse_catalog, sh3f_files, sh3f_records
 from model.evaluation.paths import RESULTS
 from model.evaluation.records import Record
 from service.encoding.encoder import Encoder
@@ -40,36 +40,36 @@ def library(tmp_path: Path) -> Path:
     path = tmp_path / "libraries" / "Test.sh3f"
     path.parent.mkdir()
     with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr(CATALOGUE, PROPERTIES.encode("latin-1"))
+        archive.writestr(CATALOG, PROPERTIES.encode("latin-1"))
         archive.writestr("test/box/box.obj", "v 0 0 0\nv 2 0 0\nv 2 1 0\nv 0 1 4\nf 1 2 3\nf 1 3 4\n")
         archive.writestr("test/lamp/lamp.obj", "v 0 0 0\nv 1 0 0\nv 1 0 3\nf 1 2 3\n")
     return path
 
 
-def test_catalogue_gives_models_in_order_with_their_metadata(library: Path, tmp_path: Path) -> None:
+def test_sh3f_records_library_yields_models_in_order_with_metadata(library: Path, tmp_path: Path) -> None:
     box, lamp = sh3f_records(library, tmp_path / "work")
     assert (box.id, box.name, box.category) == ("Test/box", "Box", "Living room")
-    assert box.licence == "Creative Commons Attribution 3.0 license © Someone"
+    assert box.license == "Creative Commons Attribution 3.0 license © Someone"
     assert box.creator == "Test library"
     assert (lamp.name, lamp.creator) == ("Café lamp", "Zoë")
     assert box.path.is_file()
     assert lamp.path.is_file()
 
 
-def test_entries_without_a_model_are_left_out() -> None:
-    general, entries = parse_catalogue(PROPERTIES)
+def test_parse_catalog_entry_without_model_is_left_out() -> None:
+    general, entries = parse_catalog(PROPERTIES)
     assert general["name"] == "Test library"
     assert [entry["name"] for entry in entries] == ["Box", "Café lamp"]
 
 
-def test_model_rotation_turns_the_mesh_upright(library: Path, tmp_path: Path) -> None:
+def test_load_parts_model_rotation_turns_the_mesh_upright(library: Path, tmp_path: Path) -> None:
     _, lamp = sh3f_records(library, tmp_path / "work")
     (part,) = load_parts(lamp)
-    # the catalogue's matrix takes (x, y, z) to (x, z, -y): what was 3 deep is 3 high
+    # the catalog's matrix takes (x, y, z) to (x, z, -y): what was 3 deep is 3 high
     assert np.ptp(part.vertices, axis=0) == pytest.approx([1 / 3, 1, 0])
 
 
-def test_sh3f_files_takes_a_folder_or_a_file_and_refuses_nothing(library: Path, tmp_path: Path) -> None:
+def test_sh3f_files_folder_or_file_is_accepted_and_empty_folder_refused(library: Path, tmp_path: Path) -> None:
     assert sh3f_files(library.parent, tmp_path) == [library]
     assert sh3f_files(library, tmp_path) == [library]
     empty = tmp_path / "empty"
@@ -78,7 +78,7 @@ def test_sh3f_files_takes_a_folder_or_a_file_and_refuses_nothing(library: Path, 
         sh3f_files(empty, tmp_path)
 
 
-def test_the_frozen_split_has_the_objects_that_the_shipped_figures_are_of() -> None:
+def test_frozen_split_shipped_figures_are_of_its_objects() -> None:
     frozen = frozen_split()
     sizes = [list(frozen.values()).count(split) for split in ("train", "val", "test")]
     card = Encoder.open(SHIPPED, threads=1).card["data"]["objects"]
@@ -87,18 +87,18 @@ def test_the_frozen_split_has_the_objects_that_the_shipped_figures_are_of() -> N
     assert set(record.ids) == {id_ for id_, split in frozen.items() if split == "test"}
 
 
-def test_a_file_that_is_no_deb_is_reported_with_the_command(tmp_path: Path) -> None:
+def test_sh3f_files_broken_deb_names_the_failed_command(tmp_path: Path) -> None:
     broken = tmp_path / "broken.deb"
     broken.write_bytes(b"no archive")
     with pytest.raises(FileNotFoundError, match="dpkg-deb"):
         sh3f_files(broken, tmp_path / "work")
 
 
-def test_a_folder_yields_every_mesh_in_the_object_frame(tmp_path: Path) -> None:
-    records = list(folder_records(write_folder(tmp_path / "meshes"), licence="CC0"))
+def test_folder_records_folder_yields_every_mesh_in_the_object_frame(tmp_path: Path) -> None:
+    records = list(folder_records(write_folder(tmp_path / "meshes"), license_="CC0"))
     assert len(records) == SHAPES
     assert {record.category for record in records} == {"boxes", "round"}
-    assert {record.licence for record in records} == {"CC0"}
+    assert {record.license for record in records} == {"CC0"}
     for record in records:
         corners = np.concatenate([part.vertices for part in load_parts(record)])
         low, high = corners.min(axis=0), corners.max(axis=0)
@@ -106,7 +106,7 @@ def test_a_folder_yields_every_mesh_in_the_object_frame(tmp_path: Path) -> None:
         assert low + high == pytest.approx(np.zeros(3), abs=1e-9)
 
 
-def test_a_missing_folder_is_an_error(tmp_path: Path) -> None:
+def test_folder_records_missing_folder_raises(tmp_path: Path) -> None:
     with pytest.raises(NotADirectoryError):
         list(folder_records(tmp_path / "nowhere"))
 
@@ -115,7 +115,7 @@ def test_a_missing_folder_is_an_error(tmp_path: Path) -> None:
     ("text", "message"),
     [("v 0 0 0\nv 1 0 0\n", "no triangles"), ("v 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\n", "empty or not finite")],
 )
-def test_unusable_meshes_are_refused(tmp_path: Path, text: str, message: str) -> None:
+def test_load_parts_unusable_mesh_raises(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "bad.obj"
     path.write_text(text)
     record = MeshRecord("t/bad", path, "t", "bad", "c", "x", "CC0")
@@ -123,7 +123,7 @@ def test_unusable_meshes_are_refused(tmp_path: Path, text: str, message: str) ->
         load_parts(record)
 
 
-def test_scene_transforms_are_applied(tmp_path: Path) -> None:
+def test_load_parts_scene_transforms_are_applied(tmp_path: Path) -> None:
     scene = trimesh.Scene()
     scene.add_geometry(trimesh.creation.box(), transform=trimesh.transformations.translation_matrix([0, 0, 3]))
     scene.add_geometry(trimesh.creation.box())
@@ -133,7 +133,7 @@ def test_scene_transforms_are_applied(tmp_path: Path) -> None:
     assert np.ptp(corners, axis=0) == pytest.approx([0.25, 0.25, 1])
 
 
-def test_photographs_are_those_at_hand_and_those_downloaded(tmp_path: Path) -> None:
+def test_photograph_files_bundled_and_downloaded_are_listed(tmp_path: Path) -> None:
     bundled = photograph_files(tmp_path)
     (tmp_path / FOLDER).mkdir()
     Image.new("RGB", (8, 8)).save(tmp_path / FOLDER / "wall.jpg")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from model.evaluation.neighbours import Neighbours
+from model.evaluation.neighbors import Neighbors
 from model.metrics import nearest
 from tests.support.small import data as small_data
 
@@ -15,9 +15,9 @@ def clouds() -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
 
 @pytest.mark.parametrize("scale", [0.2, 0.9, 1.0, 3.0])  # 3: most of it lies outside the grid
 @pytest.mark.parametrize("number", [3, 40, 41, 42])
-def test_it_is_the_nearest_of_all(
+def test_distance_any_cloud_equals_an_exhaustive_search(
     clouds: np.ndarray[tuple[int, ...], np.dtype[np.float32]], number: int, scale: float
 ) -> None:
     cloud = small_data.box(number, 400) * np.float32(scale) + np.float32(0.02)
     expected = min(nearest(cloud, other).mean() + nearest(other, cloud).mean() for other in clouds)
-    assert Neighbours(clouds).distance(cloud) == pytest.approx(expected, rel=1e-6)
+    assert Neighbors(clouds).distance(cloud) == pytest.approx(expected, rel=1e-6)
