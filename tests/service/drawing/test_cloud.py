@@ -24,7 +24,7 @@ def drawn(*points: tuple[float, float, float], azimuth: float = 0, elevation: fl
         ((0.3, 0, 0.2), 0, 90, (92, 102)),  # from above: +Z is down
     ],
 )
-def test_a_point_lands_where_the_camera_sees_it(
+def test_draw_of_a_point_puts_it_where_the_camera_looks(
     point: tuple[float, float, float], azimuth: float, elevation: float, pixel: tuple[int, int]
 ) -> None:
     places = np.array(list(drawn(point, azimuth=azimuth, elevation=elevation)))
@@ -32,7 +32,7 @@ def test_a_point_lands_where_the_camera_sees_it(
     assert np.abs(places - pixel).max() <= 1 + SIZE * WIDEST
 
 
-def test_the_nearer_point_hides_the_other_whatever_their_order() -> None:
+def test_draw_in_any_order_lets_the_nearer_point_hide_the_other() -> None:
     near, far = (0.0, 0.0, 0.6), (0.0, 0.0, -0.6)
     alone = drawn(near)
     assert drawn(near, far) == drawn(far, near) == alone
@@ -40,18 +40,18 @@ def test_the_nearer_point_hides_the_other_whatever_their_order() -> None:
     assert NEAR[0] <= min(alone.values()) <= FAR[0]
 
 
-def test_points_are_drawn_in_their_colours_far_ones_dimmer() -> None:
+def test_draw_with_colors_dims_far_points() -> None:
     points = np.array([[-0.3, 0, 0.7], [0.3, 0, -0.7]], np.float32)
     colors = np.array([[200, 100, 0], [200, 100, 0]], np.uint8)
     image = draw(points, SIZE, 0, 0, colors)
     assert {tuple(pixel) for pixel in image[image[..., 2] == 0].tolist()} == {(200, 100, 0), (140, 70, 0)}
 
 
-def test_points_beyond_the_frame_are_left_out() -> None:
+def test_draw_of_points_beyond_the_frame_leaves_them_out() -> None:
     assert drawn((EXTENT, 0, 0), (0, -EXTENT, 0)) == {}
 
 
-def test_points_grow_with_the_picture_and_shrink_with_their_number() -> None:
+def test_draw_scales_discs_with_picture_size_and_number_of_points() -> None:
     def area(points: int, size: int) -> float:
         light = draw(np.zeros((points, 3), np.float32), size)[..., 0].astype(float)
         return float((GROUND - light).sum() / (GROUND - light.min()))
@@ -61,13 +61,13 @@ def test_points_grow_with_the_picture_and_shrink_with_their_number() -> None:
     assert area(1_000_000, 320) <= 1
 
 
-def test_what_lies_behind_an_edge_is_darker() -> None:
+def test_draw_behind_an_edge_is_darker() -> None:
     """A plate before another's left half: only the other's rim beside it is shaded."""
     across, along = (each.ravel() for each in np.meshgrid(*[np.linspace(-0.5, 0.5, 300)] * 2))
     far = np.stack([across, along, np.full_like(across, -0.2)], axis=1)
     near = np.stack([across * 0.5 - 0.25, along, np.zeros_like(across)], axis=1)
-    grey = np.full((2 * len(across), 3), 200, np.uint8)
-    row = draw(np.concatenate([far, near]).astype(np.float32), SIZE, 0, 0, grey)[SIZE // 2, :, 0].astype(int)
+    gray = np.full((2 * len(across), 3), 200, np.uint8)
+    row = draw(np.concatenate([far, near]).astype(np.float32), SIZE, 0, 0, gray)[SIZE // 2, :, 0].astype(int)
     left, rim, right = row[30:66], row[73:76], row[90:118]
     assert np.ptp(left) == np.ptp(right) == 0
     assert rim.max() < 0.85 * right[0] < left[0]

@@ -28,7 +28,7 @@ def _cell(image: Image.Image, row: int, column: int) -> Image.Image:
 @pytest.mark.parametrize(
     ("k", "words"), [(2, ["A AA BA", "B AB BB"]), (3, ["AAA AAB ABB BBB"]), (4, ["AAAA AAAB AABB ABBB BBBB"])]
 )
-def test_a_sheet_shows_each_word_of_the_weights_files(k: int, words: list[str], tmp_path: Path) -> None:
+def test_sheet_of_weights_files_shows_each_word(k: int, words: list[str], tmp_path: Path) -> None:
     rows = [row.split() for row in words]
     assert rows_of_words(k) == rows
     spec, files = _spec(k), []
@@ -48,12 +48,12 @@ def test_a_sheet_shows_each_word_of_the_weights_files(k: int, words: list[str], 
             assert (shown == expected).mean() > 0.995, rows[row][column]  # a rounded point may fall a pixel further
 
 
-def test_labels_tell_what_is_computed() -> None:
+def test_label_of_a_word_is_its_formula() -> None:
     assert [label(word, 2) for word in ("A", "AB", "BB")] == ["A(x)", "AB = A(B(x))", "BB = B(B(x)), the object B"]
     assert label("AABB", 4) == "AABB = A(A(B(B(x))))"
 
 
-def test_cells_are_named_and_rows_may_differ_in_length() -> None:
+def test_sheet_names_cells_in_rows_of_any_length() -> None:
     point = np.zeros((1, 3), np.float32)
     image = sheet([[("one", point)], [("two", point), ("three", point)]], cell=100)
     assert image.size == (200, 2 * (LABEL + 100))

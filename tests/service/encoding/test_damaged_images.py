@@ -18,17 +18,17 @@ ANSWERS = {200, 201, 400, 413, 415, 422}
 
 
 @pytest.mark.parametrize("sound", seeds(), ids=range(len(seeds())))
-def test_what_is_damaged_was_sound(sound: bytes) -> None:
+def test_images_before_damage_are_accepted(sound: bytes) -> None:
     preprocess(sound, Framing())
 
 
-def test_a_number_tells_an_image() -> None:
+def test_mutation_of_one_number_is_always_the_same_image() -> None:
     assert mutant(7) == mutant(7) != mutant(8)
     assert len({mutant(number) for number in range(COUNT)}) > 0.9 * COUNT
     assert len(MUTATIONS) == 7
 
 
-def test_every_damaged_image_is_answered_and_none_by_a_fault(model_path: Path, tmp_path: Path) -> None:
+def test_damaged_images_are_all_answered_without_a_fault(model_path: Path, tmp_path: Path) -> None:
     answers: Counter[int] = Counter()
     with hof_serve(tmp_path, model_path) as (url, process), httpx.Client(base_url=url, timeout=60) as client:
 

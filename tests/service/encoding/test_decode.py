@@ -23,23 +23,23 @@ def _chunk(kind: bytes, data: bytes) -> bytes:
     return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
 
-def _png(width: int, height: int, depth: int, colour_type: int, rows: bytes, *extra: bytes) -> bytes:
+def _png(width: int, height: int, depth: int, color_type: int, rows: bytes, *extra: bytes) -> bytes:
     """A PNG from its raw rows, for the modes that Pillow does not write."""
-    header = struct.pack(">IIBBBBB", width, height, depth, colour_type, 0, 0, 0)
+    header = struct.pack(">IIBBBBB", width, height, depth, color_type, 0, 0, 0)
     chunks = [_chunk(b"IHDR", header), *extra, _chunk(b"IDAT", zlib.compress(rows)), _chunk(b"IEND", b"")]
     return b"\x89PNG\r\n\x1a\n" + b"".join(chunks)
 
 
-def _near(image: Image.Image, at: tuple[int, int], colour: tuple[int, ...], tolerance: int = 0) -> None:
+def _near(image: Image.Image, at: tuple[int, int], color: tuple[int, ...], tolerance: int = 0) -> None:
     pixel = np.array(image.getpixel(at), int)
-    assert np.abs(pixel - colour).max() <= tolerance, pixel
+    assert np.abs(pixel - color).max() <= tolerance, pixel
 
 
 # --- decode ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("kind", "tolerance"), [("PNG", 0), ("JPEG", 3), ("WEBP", 3)])
-def test_each_type_decodes_to_upright_rgb(kind: str, tolerance: int) -> None:
+def test_decode_of_each_type_gives_upright_rgb(kind: str, tolerance: int) -> None:
     image = decode(image_file(disc("blue"), kind))
     assert (image.mode, image.size) == ("RGB", (120, 90))
     _near(image, (60, 50), (0, 0, 255), tolerance)
@@ -48,7 +48,7 @@ def test_each_type_decodes_to_upright_rgb(kind: str, tolerance: int) -> None:
 
 @pytest.mark.parametrize("kind", ["PNG", "JPEG", "WEBP"])
 @pytest.mark.parametrize("orientation", range(1, 9))
-def test_exif_orientation_is_undone(kind: str, orientation: int) -> None:
+def test_decode_with_exif_orientation_turns_the_image_upright(kind: str, orientation: int) -> None:
     upright = disc("black", (64, 32), (0, 0)).crop((0, 0, 64, 32))
     transposed = {
         2: Image.Transpose.FLIP_LEFT_RIGHT,
@@ -67,29 +67,29 @@ def test_exif_orientation_is_undone(kind: str, orientation: int) -> None:
     np.testing.assert_allclose(np.asarray(decoded, int), np.asarray(upright, int), atol=40)
 
 
-def test_sixteen_bit_grey_keeps_its_high_byte() -> None:
+def test_decode_of_16_bit_gray_keeps_its_high_byte() -> None:
     rows = b"".join(b"\0" + struct.pack(">2H", 0x1234, 0xFFFF) for _ in range(2))
     image = decode(_png(2, 2, 16, 0, rows))
     assert (image.getpixel((0, 0)), image.getpixel((1, 1))) == ((0x12,) * 3, (0xFF,) * 3)
 
 
-def test_sixteen_bit_rgb_keeps_its_high_bytes() -> None:
+def test_decode_of_16_bit_rgb_keeps_its_high_bytes() -> None:
     image = decode(_png(1, 1, 16, 2, b"\0" + struct.pack(">3H", 0x1234, 0x8000, 0xFFFF)))
     assert image.getpixel((0, 0)) == (0x12, 0x80, 0xFF)
 
 
-def test_sixteen_bit_alpha_is_kept() -> None:
+def test_decode_of_16_bit_alpha_keeps_it() -> None:
     image = decode(_png(2, 1, 16, 6, b"\0" + struct.pack(">8H", 0x1234, 0x8000, 0xFFFF, 0x4000, 0, 0, 0, 0xFFFF)))
     assert image.getpixel((0, 0)) == (0x12, 0x80, 0xFF, 0x40)
 
 
-def test_sixteen_bit_grey_with_a_transparent_value_is_masked() -> None:
+def test_decode_of_16_bit_gray_with_a_transparent_value_gives_alpha() -> None:
     rows = b"\0" + struct.pack(">2H", 0x1234, 0xFFFF)
     image = decode(_png(2, 1, 16, 0, rows, _chunk(b"tRNS", struct.pack(">H", 0xFFFF))))
     assert (image.getpixel((0, 0)), image.getpixel((1, 0))) == ((0x12, 0x12, 0x12, 255), (255, 255, 255, 0))
 
 
-def test_a_palette_with_transparency_is_masked() -> None:
+def test_decode_of_a_palette_with_transparency_gives_alpha() -> None:
     palette = Image.new("P", (4, 4), 0)
     palette.putpalette([255, 0, 0, 0, 255, 0])
     palette.putpixel((1, 1), 1)
@@ -98,7 +98,7 @@ def test_a_palette_with_transparency_is_masked() -> None:
 
 
 @pytest.mark.parametrize("mode", ["1", "L", "P"])
-def test_grey_bilevel_and_palette_become_rgb(mode: str) -> None:
+def test_decode_of_gray_bilevel_and_palette_gives_rgb(mode: str) -> None:
     image = decode(image_file(disc("black").convert(mode)))
     assert image.mode == "RGB"
     _near(image, (60, 50), (0, 0, 0))
@@ -106,20 +106,20 @@ def test_grey_bilevel_and_palette_become_rgb(mode: str) -> None:
 
 
 @pytest.mark.parametrize("mode", ["L", "CMYK"])
-def test_grey_and_cmyk_jpegs_become_rgb(mode: str) -> None:
+def test_decode_of_gray_and_cmyk_jpegs_gives_rgb(mode: str) -> None:
     image = decode(image_file(disc("black").convert(mode), "JPEG"))
     assert image.mode == "RGB"
     _near(image, (60, 50), (0, 0, 0), 6)
     _near(image, (5, 5), (255, 255, 255), 6)
 
 
-def test_opaque_alpha_is_dropped() -> None:
+def test_decode_of_opaque_alpha_drops_it() -> None:
     assert decode(image_file(disc().convert("RGBA"))).mode == "RGB"
 
 
 @pytest.mark.parametrize("kind", ["PNG", "WEBP"])
-def test_of_an_animation_the_first_frame_counts(kind: str) -> None:
-    frames = [Image.new("RGB", (8, 8), colour) for colour in ("red", "blue")]
+def test_decode_of_an_animation_gives_the_first_frame(kind: str) -> None:
+    frames = [Image.new("RGB", (8, 8), color) for color in ("red", "blue")]
     data = image_file(frames[0], kind, save_all=True, append_images=frames[1:])
     _near(decode(data), (4, 4), (255, 0, 0), 3)
 
@@ -137,14 +137,14 @@ def test_of_an_animation_the_first_frame_counts(kind: str) -> None:
         bytes(99),
     ],
 )
-def test_other_types_are_refused_by_content(data: bytes) -> None:
+def test_decode_of_other_content_raises_unsupported_media(data: bytes) -> None:
     with pytest.raises(UnsupportedMedia):
         decode(data)
 
 
 @pytest.mark.parametrize("kind", ["PNG", "JPEG", "WEBP"])
 @pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
-def test_truncated_files_are_refused(kind: str, share: float) -> None:
+def test_decode_of_a_truncated_file_raises_corrupt_image(kind: str, share: float) -> None:
     noise = np.random.default_rng(0).integers(0, 255, (64, 64, 3), np.uint8)
     data = image_file(Image.fromarray(noise), kind)
     with pytest.raises(CorruptImage):
@@ -152,7 +152,7 @@ def test_truncated_files_are_refused(kind: str, share: float) -> None:
 
 
 @pytest.mark.parametrize("signature", [b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"RIFF\x10\0\0\0WEBP"])
-def test_a_file_that_lies_about_its_type_is_corrupt(signature: bytes) -> None:
+def test_decode_of_a_file_of_another_type_raises_corrupt_image(signature: bytes) -> None:
     for rest in (b"", bytes(100), image_file(disc(), "GIF"), image_file(disc(), "TIFF")):
         with pytest.raises(CorruptImage):
             decode(signature + rest)
@@ -164,7 +164,7 @@ def test_a_file_that_lies_about_its_type_is_corrupt(signature: bytes) -> None:
     st.sampled_from(["PNG", "JPEG", "WEBP"]),
     st.lists(st.tuples(st.floats(0, 1, exclude_max=True), st.integers(0, 255)), min_size=1, max_size=8),
 )
-def test_damage_is_an_error_of_ours_or_harmless(kind: str, damage: list[tuple[float, int]]) -> None:
+def test_decode_of_a_damaged_file_raises_corrupt_image_or_reads_it(kind: str, damage: list[tuple[float, int]]) -> None:
     exif = Image.Exif()
     exif[0x0112] = 6
     data = bytearray(image_file(disc(), kind, exif=exif))
@@ -196,7 +196,7 @@ def bombs() -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize("name", ["png", "jpeg", "webp", "webp beyond Pillow's limit", "webp lossless", "png one line"])
-def test_bombs_are_refused_from_their_headers(
+def test_decode_of_a_bomb_raises_too_large_from_the_header(
     bombs: dict[str, bytes], name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(ImageFile.ImageFile, "load", None)  # would fail: nothing may be decoded
@@ -206,7 +206,7 @@ def test_bombs_are_refused_from_their_headers(
         decode(bombs[name], max_pixels=limit)
 
 
-def test_the_limit_itself_is_allowed() -> None:
+def test_decode_at_the_limit_is_allowed() -> None:
     data = image_file(disc())  # 120 x 90
     assert decode(data, max_pixels=10_800).size == (120, 90)
     with pytest.raises(TooLarge):

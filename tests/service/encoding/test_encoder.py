@@ -15,7 +15,7 @@ from tests.support.small import model as tiny_model
 OPEN_TIMEOUT_S = 60
 
 
-def test_a_model_describes_itself(model_path: Path) -> None:
+def test_encoder_of_a_file_has_its_metadata(model_path: Path) -> None:
     encoder = Encoder.open(model_path, threads=1)
     assert encoder.spec == tiny_model.SPEC
     assert (encoder.framing.size, encoder.framing.foreground_ratio) == (tiny_model.SIZE, 0.85)
@@ -25,17 +25,17 @@ def test_a_model_describes_itself(model_path: Path) -> None:
 
 
 @pytest.mark.parametrize("batch", [1, 3])
-def test_encode_computes_the_network(model_path: Path, batch: int) -> None:
+def test_encode_of_a_batch_computes_the_network(model_path: Path, batch: int) -> None:
     images = np.random.default_rng(0).random((batch, 3, tiny_model.SIZE, tiny_model.SIZE), np.float32)
-    found = Encoder.open(model_path, threads=1).encode(images)
-    assert [functions.color for functions in found] == [None] * batch
-    theta = np.stack([functions.theta for functions in found])
+    objects = Encoder.open(model_path, threads=1).encode(images)
+    assert [functions.color for functions in objects] == [None] * batch
+    theta = np.stack([functions.theta for functions in objects])
     assert theta.shape == (batch, tiny_model.SPEC.size)
     assert theta.dtype == np.float32
     np.testing.assert_allclose(theta, tiny_model.theta_of(images), atol=1e-5)
 
 
-def test_a_model_in_colour_gives_the_same_theta_and_each_image_its_colour(model_path: Path, colored_path: Path) -> None:
+def test_encode_with_color_gives_the_same_theta_and_a_color_per_image(model_path: Path, colored_path: Path) -> None:
     images = np.random.default_rng(0).random((3, 3, tiny_model.SIZE, tiny_model.SIZE), np.float32)
     plain, encoder = Encoder.open(model_path, threads=1), Encoder.open(colored_path, threads=1)
     matrix, b = tiny_model.color_parameters()
@@ -47,13 +47,13 @@ def test_a_model_in_colour_gives_the_same_theta_and_each_image_its_colour(model_
         np.testing.assert_allclose(other.color.weights, image.mean(axis=(1, 2)) @ matrix + b, atol=1e-5)
 
 
-def test_a_missing_file_says_what_to_do(tmp_path: Path) -> None:
+def test_open_of_a_missing_file_says_what_to_do(tmp_path: Path) -> None:
     with pytest.raises(InvalidModel, match=r"nothere\.onnx.*HOF_MODEL"):
         Encoder.open(tmp_path / "nothere.onnx", 1)
 
 
 @pytest.mark.parametrize("keep", [0, 100, 0.5, -1])
-def test_a_corrupt_file_is_refused(model_path: Path, tmp_path: Path, keep: float) -> None:
+def test_open_of_a_corrupt_file_raises_invalid_model(model_path: Path, tmp_path: Path, keep: float) -> None:
     data = model_path.read_bytes()
     cut = int(len(data) * keep) if isinstance(keep, float) else keep
     bad = tmp_path / "bad.onnx"
@@ -99,12 +99,12 @@ COLOR_SPEC = json.loads(tiny_model.COLOR_SPEC.to_json())
         (_with("hof.color_spec", COLOR_SPEC), "its output is theta and color, by its graph theta"),
     ],
 )
-def test_metadata_that_is_wrong_is_refused(tmp_path: Path, meta: dict[str, str], message: str) -> None:
+def test_open_with_wrong_metadata_raises_invalid_model(tmp_path: Path, meta: dict[str, str], message: str) -> None:
     with pytest.raises(InvalidModel, match=message):
         Encoder.open(tiny_model.build(tmp_path / "m.onnx", meta=meta), 1)
 
 
-def test_a_file_of_before_formats_were_written_is_read(tmp_path: Path) -> None:
+def test_open_of_a_file_without_format_reads_it(tmp_path: Path) -> None:
     assert Encoder.open(tiny_model.build(tmp_path / "m.onnx", meta=_with("hof.format", None)), 1).name == "tiny-k2"
 
 
@@ -120,18 +120,20 @@ def test_a_file_of_before_formats_were_written_is_read(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_a_graph_of_another_shape_is_refused(tmp_path: Path, wrong: dict[str, Any], message: str) -> None:
+def test_open_of_a_graph_of_another_shape_raises_invalid_model(
+    tmp_path: Path, wrong: dict[str, Any], message: str
+) -> None:
     with pytest.raises(InvalidModel, match=message):
         Encoder.open(tiny_model.build(tmp_path / "m.onnx", **wrong), 1)
 
 
-def test_a_theta_that_is_not_finite_never_leaves(tmp_path: Path) -> None:
+def test_encode_of_a_theta_that_is_not_finite_raises_invalid_model(tmp_path: Path) -> None:
     encoder = Encoder.open(tiny_model.build(tmp_path / "m.onnx", bias=float("inf")), 1)
     with pytest.raises(InvalidModel, match="not finite"):
         encoder.warm_up()
 
 
-def test_onnxruntime_tells_its_maker_nothing(model_path: Path, tmp_path: Path) -> None:
+def test_onnxruntime_sends_no_telemetry(model_path: Path, tmp_path: Path) -> None:
     """It would keep the id by which it tells and what it has to tell in the user's cache."""
     home = tmp_path / "home"
     home.mkdir()

@@ -1,4 +1,4 @@
-"""Framing: what of a photo an encoder sees, and how that is told."""
+"""Framing: the part of a photo that an encoder sees, and how it is reported."""
 
 from typing import Any
 
@@ -21,7 +21,7 @@ def _object_span(tensor: np.ndarray[Any, Any]) -> tuple[int, int, int, int]:
     return int(columns.min()), int(rows.min()), int(columns.max()) + 1, int(rows.max()) + 1
 
 
-def test_the_tensor_is_what_an_encoder_takes() -> None:
+def test_preprocess_gives_the_tensor_an_encoder_takes() -> None:
     framed = preprocess(image_file(disc()), FRAMING)
     assert framed.tensor.shape == (1, 3, 64, 64)
     assert framed.tensor.dtype == np.float32
@@ -31,19 +31,19 @@ def test_the_tensor_is_what_an_encoder_takes() -> None:
     np.testing.assert_array_equal(framed.tensor[0, :, 32, 32], [1, 0, 0])  # red disc
 
 
-def test_a_uniform_border_is_the_background() -> None:
+def test_preprocess_with_a_uniform_border_takes_it_as_background() -> None:
     framed = preprocess(image_file(disc()), FRAMING)
     assert (framed.mask, framed.box, framed.width, framed.height) == ("border", (40, 30, 81, 71), 120, 90)
 
 
 @pytest.mark.parametrize("ground", ["white", "black", "#7080a0"])
-def test_the_ground_becomes_white_whatever_it_was(ground: str) -> None:
+def test_preprocess_of_any_background_color_gives_white(ground: str) -> None:
     image = Image.new("RGB", (100, 100), ground)
     ImageDraw.Draw(image).rectangle((30, 30, 69, 69), fill="red")
     np.testing.assert_array_equal(preprocess(image_file(image), FRAMING).tensor[0, :, 0, 0], 1)
 
 
-def test_alpha_is_the_mask_and_wins_over_the_border() -> None:
+def test_preprocess_with_alpha_prefers_it_to_the_border() -> None:
     image = Image.new("RGBA", (100, 80), (255, 255, 255, 0))
     ImageDraw.Draw(image).rectangle((20, 10, 79, 39), fill=(255, 255, 255, 255))  # white on white: alpha alone tells
     ImageDraw.Draw(image).rectangle((40, 20, 49, 29), fill=(0, 0, 0, 255))
@@ -51,7 +51,7 @@ def test_alpha_is_the_mask_and_wins_over_the_border() -> None:
     assert (framed.mask, framed.box) == ("alpha", (20, 10, 80, 40))
 
 
-def test_what_is_transparent_never_shows() -> None:
+def test_preprocess_hides_transparent_pixels() -> None:
     images = []
     for hidden in ("red", "black"):
         image = Image.new("RGB", (80, 80), hidden)
@@ -64,7 +64,7 @@ def test_what_is_transparent_never_shows() -> None:
 
 
 @pytest.mark.parametrize("ratio", [0.1, 0.5, 0.85, 1.0])
-def test_the_longer_side_takes_the_foreground_ratio(ratio: float) -> None:
+def test_preprocess_scales_the_longer_side_to_the_foreground_ratio(ratio: float) -> None:
     image = Image.new("RGB", (300, 200), "white")
     ImageDraw.Draw(image).rectangle((50, 60, 209, 99), fill="black")  # 160 x 40
     left, top, right, bottom = _object_span(preprocess(image_file(image), Framing(64, ratio)).tensor)
@@ -76,21 +76,21 @@ def test_the_longer_side_takes_the_foreground_ratio(ratio: float) -> None:
 
 @settings(max_examples=40, deadline=None)
 @given(st.integers(3, 117), st.integers(3, 57))
-def test_framing_does_not_see_where_the_object_stands(x: int, y: int) -> None:
-    centred = preprocess(image_file(disc("red", (161, 101), (60, 30))), FRAMING)
+def test_preprocess_of_a_moved_object_gives_the_same_tensor(x: int, y: int) -> None:
+    centered = preprocess(image_file(disc("red", (161, 101), (60, 30))), FRAMING)
     moved = preprocess(image_file(disc("red", (161, 101), (x, y))), FRAMING)
-    np.testing.assert_array_equal(moved.tensor, centred.tensor)
+    np.testing.assert_array_equal(moved.tensor, centered.tensor)
     assert moved.box == (x, y, x + 41, y + 41)
 
 
-def test_framing_does_not_see_how_large_the_photo_is() -> None:
+def test_preprocess_of_a_larger_photo_gives_the_same_tensor() -> None:
     small = preprocess(image_file(disc()), FRAMING).tensor
     padded = preprocess(image_file(disc("red", (600, 500), (40, 30))), FRAMING).tensor
     np.testing.assert_array_equal(padded, small)
 
 
 @pytest.mark.parametrize("kind", ["PNG", "JPEG", "WEBP"])
-def test_large_photos_are_reported_in_their_own_pixels(kind: str) -> None:
+def test_preprocess_of_large_photos_reports_their_own_pixels(kind: str) -> None:
     image = Image.new("RGB", (4000, 3000), "white")
     ImageDraw.Draw(image).rectangle((1000, 600, 2999, 2399), fill="navy")
     framed = preprocess(image_file(image, kind), FRAMING)
@@ -99,17 +99,17 @@ def test_large_photos_are_reported_in_their_own_pixels(kind: str) -> None:
 
 
 @pytest.mark.parametrize(("alpha", "confidence"), [(255, 1.0), (102, 0.4)])
-def test_confidence_is_the_mean_of_the_matte_weighted_by_itself(alpha: int, confidence: float) -> None:
+def test_confidence_of_a_matte_is_its_mean_weighted_by_itself(alpha: int, confidence: float) -> None:
     image = Image.new("RGBA", (100, 80), (255, 0, 0, 0))
     ImageDraw.Draw(image).rectangle((20, 10, 79, 39), fill=(0, 0, 255, alpha))
     assert preprocess(image_file(image), FRAMING).confidence == pytest.approx(confidence)
 
 
-def test_without_a_mask_there_is_no_confidence() -> None:
+def test_confidence_without_a_mask_is_none() -> None:
     assert preprocess(image_file(disc()), FRAMING, "keep").confidence is None
 
 
-def test_a_small_share_makes_no_huge_crop(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_preprocess_with_a_small_ratio_makes_no_huge_crop(monkeypatch: pytest.MonkeyPatch) -> None:
     image = Image.new("RGBA", (1024, 1024), "black")
     image.putpixel((0, 0), (0, 0, 0, 0))
     cropped = []
@@ -128,7 +128,7 @@ def test_a_small_share_makes_no_huge_crop(monkeypatch: pytest.MonkeyPatch) -> No
     assert x1 - x0 < 4096
 
 
-def test_keep_takes_the_whole_image() -> None:
+def test_preprocess_with_background_keep_takes_the_whole_image() -> None:
     framed = preprocess(image_file(disc("red", (120, 60), (40, 10))), FRAMING, "keep")
     assert (framed.mask, framed.box) == ("none", (0, 0, 120, 60))
     left, top, right, bottom = _object_span(framed.tensor)
@@ -146,19 +146,19 @@ def test_keep_takes_the_whole_image() -> None:
     ],
     ids=["blank", "1x1", "transparent"],
 )
-def test_no_object_is_said_so(image: Image.Image, background: Background) -> None:
+def test_preprocess_without_an_object_raises_no_object_found(image: Image.Image, background: Background) -> None:
     with pytest.raises(NoObjectFound):
         preprocess(image_file(image), FRAMING, background)
 
 
-def test_one_pixel_that_is_kept_fills_the_input() -> None:
+def test_preprocess_of_one_pixel_fills_the_input() -> None:
     framed = preprocess(image_file(Image.new("RGB", (1, 1), "red")), FRAMING, "keep")
     assert framed.box == (0, 0, 1, 1)
     np.testing.assert_array_equal(framed.tensor[0, 0], 1)
     np.testing.assert_array_equal(framed.tensor[0, 1:], 0)
 
 
-def test_a_busy_border_leaves_the_image_whole_and_cannot_be_removed() -> None:
+def test_preprocess_with_a_busy_border_takes_the_image_whole_or_raises() -> None:
     noise = Image.fromarray(np.random.default_rng(0).integers(0, 255, (64, 64, 3), np.uint8))
     assert preprocess(image_file(noise), FRAMING).mask == "none"
     with pytest.raises(InvalidParameter, match="cannot be removed"):

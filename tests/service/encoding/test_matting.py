@@ -58,20 +58,20 @@ def _over(name: str, texture: str) -> tuple[Image.Image, np.ndarray[tuple[int, .
     ("name", "texture", "least"),
     [("armchair.png", "grass", 0.95), ("armchair.png", "brick", 0.9), ("chair.png", "gravel", 0.9)],
 )
-def test_the_matte_covers_the_object(matting: Matting, name: str, texture: str, least: float) -> None:
+def test_matte_of_a_photo_covers_the_object(matting: Matting, name: str, texture: str, least: float) -> None:
     photo, truth = _over(name, texture)
-    found = matting(photo) > 127
-    assert (found & truth).sum() / (found | truth).sum() > least
+    matte = matting(photo) > 127
+    assert (matte & truth).sum() / (matte | truth).sum() > least
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 900), (900, 1), (37, 501), (1024, 768)])
-def test_a_matte_has_the_photos_size(matting: Matting, size: tuple[int, int]) -> None:
+def test_matte_of_any_photo_has_its_size(matting: Matting, size: tuple[int, int]) -> None:
     matte = matting(decode(COFFEE).resize(size))
     assert matte.shape == (size[1], size[0])
     assert matte.dtype == np.uint8
 
 
-def test_a_repeat_costs_no_inference(u2net_home: Path) -> None:
+def test_matte_of_a_repeated_photo_costs_no_inference(u2net_home: Path) -> None:
     matting = _matting(u2net_home / "u2netp.onnx")
     first = matting(decode(COFFEE))
     matting._session = None  # would fail
@@ -81,7 +81,7 @@ def test_a_repeat_costs_no_inference(u2net_home: Path) -> None:
     assert CACHED_MATTES * first.nbytes < 10_000_000
 
 
-def test_threads_do_not_mix_their_photos(u2net_home: Path) -> None:
+def test_matte_on_many_threads_belongs_to_its_photo(u2net_home: Path) -> None:
     photos = [decode(COFFEE), disc()]
     alone = [_matting(u2net_home / "u2netp.onnx")(photo) for photo in photos]
     shared = _matting(u2net_home / "u2netp.onnx")
@@ -93,21 +93,21 @@ def test_threads_do_not_mix_their_photos(u2net_home: Path) -> None:
 # --- the file -------------------------------------------------------------------------------------
 
 
-def test_the_digest_is_that_of_the_file(matting: Matting, u2net_home: Path) -> None:
+def test_matting_digest_is_that_of_the_file(matting: Matting, u2net_home: Path) -> None:
     assert matting.digest == hashlib.sha256((u2net_home / "u2netp.onnx").read_bytes()).hexdigest()
 
 
-def test_no_file_is_no_matting() -> None:
+def test_matting_without_a_path_is_none() -> None:
     assert Matting.of(None, 1) is None
 
 
-def test_a_missing_file_is_said_to_be_and_not_fetched(tmp_path: Path) -> None:
+def test_matting_of_a_missing_file_raises_and_downloads_nothing(tmp_path: Path) -> None:
     with pytest.raises(InvalidModel, match=r"cannot read the matting model .*u2netp\.onnx: No such file.* README"):
         Matting.of(tmp_path / "u2netp.onnx", 1)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_files_that_are_no_u2net_are_refused(tmp_path: Path, model_path: Path, u2net_home: Path) -> None:
+def test_matting_of_another_file_raises_invalid_model(tmp_path: Path, model_path: Path, u2net_home: Path) -> None:
     cut = tmp_path / "cut.onnx"
     cut.write_bytes((u2net_home / "u2netp.onnx").read_bytes()[:100_000])
     with pytest.raises(InvalidModel, match=r"cut\.onnx is unusable: onnxruntime cannot load it"):
@@ -119,7 +119,7 @@ def test_files_that_are_no_u2net_are_refused(tmp_path: Path, model_path: Path, u
 # --- framing by it --------------------------------------------------------------------------------
 
 
-def test_a_photo_with_a_background_is_cut_out(matting: Matting) -> None:
+def test_preprocess_of_a_photo_with_a_background_cuts_the_object_out(matting: Matting) -> None:
     framed = preprocess(COFFEE, FRAMING, matting=matting)
     assert (framed.mask, framed.width, framed.height) == ("matting", 600, 400)
     np.testing.assert_allclose(framed.box, CUP, atol=8)
@@ -131,13 +131,13 @@ def test_a_photo_with_a_background_is_cut_out(matting: Matting) -> None:
 
 
 @pytest.mark.parametrize("mode", ["L", "CMYK"])
-def test_grey_and_cmyk_photos_are_cut_out(matting: Matting, mode: str) -> None:
+def test_preprocess_of_gray_and_cmyk_photos_cuts_the_object_out(matting: Matting, mode: str) -> None:
     framed = preprocess(image_file(decode(COFFEE).convert(mode), "JPEG"), FRAMING, matting=matting)
     assert framed.mask == "matting"
     np.testing.assert_allclose(framed.box, CUP, atol=12)
 
 
-def test_a_turned_photo_is_cut_out_upright(matting: Matting) -> None:
+def test_preprocess_of_a_turned_photo_cuts_it_out_upright(matting: Matting) -> None:
     exif = Image.Exif()
     exif[0x0112] = 6
     stored = decode(COFFEE).transpose(Image.Transpose.ROTATE_90)  # the camera's file: a viewer turns it by 270 degrees
@@ -147,7 +147,7 @@ def test_a_turned_photo_is_cut_out_upright(matting: Matting) -> None:
 
 
 @pytest.mark.parametrize(("kind", "scale"), [("PNG", 3), ("JPEG", 7)])
-def test_a_large_photo_is_reported_in_its_own_pixels(matting: Matting, kind: str, scale: int) -> None:
+def test_preprocess_of_a_large_photo_reports_its_own_pixels(matting: Matting, kind: str, scale: int) -> None:
     photo = decode(COFFEE).resize((600 * scale, 400 * scale))
     framed = preprocess(image_file(photo, kind), FRAMING, matting=matting)
     assert (framed.width, framed.height) == photo.size
@@ -155,19 +155,19 @@ def test_a_large_photo_is_reported_in_its_own_pixels(matting: Matting, kind: str
 
 
 @pytest.mark.parametrize("name", TEXTURES)
-def test_a_texture_has_no_object(matting: Matting, name: str) -> None:
+def test_preprocess_of_a_texture_raises_no_object_found(matting: Matting, name: str) -> None:
     photo = image_file(_texture(name))
     assert preprocess(photo, FRAMING).mask == "none"  # only matting can tell
     with pytest.raises(NoObjectFound, match="no object found"):
         preprocess(photo, FRAMING, matting=matting)
 
 
-def test_alpha_and_a_uniform_border_come_first(matting: Matting) -> None:
+def test_preprocess_prefers_alpha_and_a_uniform_border_to_matting(matting: Matting) -> None:
     assert preprocess((DEMO / "chair.png").read_bytes(), FRAMING, matting=matting).mask == "alpha"
     assert preprocess(image_file(disc()), FRAMING, matting=matting).mask == "border"
 
 
-def test_keep_takes_the_whole_photo(matting: Matting) -> None:
+def test_preprocess_with_background_keep_takes_the_whole_photo(matting: Matting) -> None:
     framed = preprocess(COFFEE, FRAMING, "keep", matting=matting)
     assert (framed.mask, framed.box, framed.confidence) == ("none", (0, 0, 600, 400), None)
 
@@ -184,12 +184,12 @@ def client(settings: Settings, u2net_home: Path) -> Iterator[httpx.Client]:
         yield client
 
 
-def test_the_answer_tells_what_was_cut_out(client: httpx.Client, matting: Matting, model_path: Path) -> None:
+def test_encode_answer_has_mask_box_and_confidence(client: httpx.Client, matting: Matting, model_path: Path) -> None:
     answer = client.post("/encode", content=COFFEE)
-    made = answer.json()
+    item = answer.json()
     framed = preprocess(COFFEE, FRAMING, matting=matting)
     assert answer.status_code == 201
-    assert made["image"] == {
+    assert item["image"] == {
         "mask": "matting",
         "box": list(framed.box),
         "confidence": pytest.approx(framed.confidence, abs=1e-3),
@@ -198,11 +198,13 @@ def test_the_answer_tells_what_was_cut_out(client: httpx.Client, matting: Mattin
     }
     digests = (Encoder.open(model_path, 1).digest, matting.digest)
     assert (
-        made["id"] == encoded_id(COFFEE, "matting", 0.85, *digests) != encoded_id(COFFEE, "matting", 0.85, digests[0])
+        item["id"] == encoded_id(COFFEE, "matting", 0.85, *digests) != encoded_id(COFFEE, "matting", 0.85, digests[0])
     )
 
 
-def test_a_repeat_answers_200_and_costs_no_inference(client: httpx.Client, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_encode_of_a_repeated_photo_is_200_without_inference(
+    client: httpx.Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
     first = client.post("/encode", content=COFFEE).json()
     monkeypatch.setattr(Encoder, "encode", None)  # would fail
     monkeypatch.setattr(Matting, "_run", None)
@@ -210,16 +212,16 @@ def test_a_repeat_answers_200_and_costs_no_inference(client: httpx.Client, monke
     assert (again.status_code, again.json()) == (200, first)
 
 
-def test_the_whole_photo_is_another_object(client: httpx.Client) -> None:
-    made = client.post("/encode", content=COFFEE).json()
-    kept = client.post("/encode?background=keep", content=COFFEE)
-    assert kept.status_code == 201
-    assert kept.json()["image"]["mask"] == "none"
-    assert kept.json()["id"] != made["id"]
+def test_encode_with_background_keep_is_another_object(client: httpx.Client) -> None:
+    item = client.post("/encode", content=COFFEE).json()
+    whole = client.post("/encode?background=keep", content=COFFEE)
+    assert whole.status_code == 201
+    assert whole.json()["image"]["mask"] == "none"
+    assert whole.json()["id"] != item["id"]
 
 
 @pytest.mark.parametrize("query", ["", "?background=remove", "?store=false"])
-def test_a_photo_of_nothing_is_a_problem_that_says_so(client: httpx.Client, query: str) -> None:
+def test_encode_of_a_photo_without_an_object_is_422(client: httpx.Client, query: str) -> None:
     answer = client.post(f"/encode{query}", content=image_file(_texture("grass"), "JPEG"))
     problem = answer.json()
     assert (answer.status_code, problem["title"]) == (422, "No object found")

@@ -34,7 +34,7 @@ def client(settings: Settings, model_path: Path, other_path: Path) -> Iterator[h
         yield client
 
 
-def test_the_loaded_models_are_listed_the_default_one_first(client: httpx.Client) -> None:
+def test_models_list_has_the_default_first(client: httpx.Client) -> None:
     listed = client.get("/models").json()["models"]
     assert [model["name"] for model in listed] == ["tiny-k2", "tiny-k4"]
     assert client.get("/model").json() == client.get("/model?model=tiny-k2").json() == listed[0]
@@ -42,29 +42,29 @@ def test_the_loaded_models_are_listed_the_default_one_first(client: httpx.Client
     assert (listed[1]["spec"]["k"], listed[1]["spec"]["domain"]) == (4, "sphere")
 
 
-def test_the_model_that_is_named_encodes_and_its_object_remembers_it(client: httpx.Client, photo: bytes) -> None:
+def test_encode_with_a_model_name_uses_and_records_that_model(client: httpx.Client, photo: bytes) -> None:
     default = client.post("/encode", content=photo).json()
     answer = client.post("/encode?model=tiny-k4&include=weights", content=photo)
-    made = answer.json()
+    item = answer.json()
     assert answer.status_code == 201
-    assert made["id"] != default["id"]
-    theta = np.frombuffer(base64.b64decode(made["weights"]), "<f4")
+    assert item["id"] != default["id"]
+    theta = np.frombuffer(base64.b64decode(item["weights"]), "<f4")
     framed = preprocess(photo, Framing(tiny_model.SIZE, 0.85))
     np.testing.assert_allclose(theta, tiny_model.theta_of(framed.tensor, OTHER)[0], atol=1e-5)
-    kept = client.get(made["links"]["self"]).json()
-    assert (kept["model"], kept["spec"]["k"], kept["spec"]["domain"]) == ("tiny-k4", 4, "sphere")
-    assert client.post("/encode?model=tiny-k4", content=photo).json()["id"] == made["id"]
+    stored = client.get(item["links"]["self"]).json()
+    assert (stored["model"], stored["spec"]["k"], stored["spec"]["domain"]) == ("tiny-k4", 4, "sphere")
+    assert client.post("/encode?model=tiny-k4", content=photo).json()["id"] == item["id"]
     assert client.post("/encode?model=tiny-k2", content=photo).json()["id"] == default["id"]
-    assert client.get(made["links"]["points"], params={"n": 10}).status_code == 200
+    assert client.get(item["links"]["points"], params={"n": 10}).status_code == 200
 
 
-def test_weights_that_are_not_kept_come_from_the_model_that_is_named(client: httpx.Client, photo: bytes) -> None:
+def test_encode_without_store_uses_the_named_model(client: httpx.Client, photo: bytes) -> None:
     answer = client.post("/encode?model=tiny-k4&store=false", content=photo).json()
     assert (answer["model"], answer["spec"]["k"]) == ("tiny-k4", 4)
 
 
 @pytest.mark.parametrize(("method", "path"), [("POST", "/encode"), ("GET", "/model")])
-def test_a_model_that_is_not_loaded_is_refused_by_those_that_are(
+def test_model_name_that_is_not_loaded_is_422_with_the_loaded_names(
     client: httpx.Client, photo: bytes, method: str, path: str
 ) -> None:
     problem = client.request(method, f"{path}?model=tiny", content=photo).json()
@@ -72,7 +72,7 @@ def test_a_model_that_is_not_loaded_is_refused_by_those_that_are(
     assert "there is tiny-k2, tiny-k4" in problem["detail"]
 
 
-def test_objects_of_two_models_make_no_word(client: httpx.Client, photo: bytes) -> None:
+def test_compose_of_objects_of_two_models_is_422(client: httpx.Client, photo: bytes) -> None:
     ids = [
         client.post("/encode", params={"model": name}, content=photo).json()["id"] for name in ("tiny-k2", "tiny-k4")
     ]
@@ -81,13 +81,13 @@ def test_objects_of_two_models_make_no_word(client: httpx.Client, photo: bytes) 
     assert "specs must be equal" in problem["detail"]
 
 
-def test_two_models_of_one_name_are_refused(model_path: Path, tmp_path: Path) -> None:
+def test_open_of_two_models_of_one_name_raises_invalid_model(model_path: Path, tmp_path: Path) -> None:
     copy = tiny_model.build(tmp_path / "copy.onnx", OTHER)
     with pytest.raises(InvalidModel, match=r"tiny-k2\.onnx and .*copy\.onnx are both named tiny-k2: load one of them"):
         Models.open([model_path, copy], threads=1)
 
 
-def test_each_model_is_warm_before_the_service_is_ready(
+def test_ready_service_has_warmed_up_every_model(
     settings: Settings, model_path: Path, other_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     warm: list[str] = []

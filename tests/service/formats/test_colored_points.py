@@ -1,4 +1,4 @@
-"""Point clouds as files, where points have colours: what stands where, and what other programs make of it."""
+"""Colored point clouds as files: their bytes, and what other programs read from them."""
 
 import base64
 import io
@@ -15,7 +15,7 @@ from service.mapping.canonical import canonical_points
 from tests.support.small.clouds import COLORED, FORMATS, TWO, ArrayCloud, colored, colors_of, file_of
 
 
-def test_colored_ply_bytes() -> None:
+def test_write_as_colored_ply_gives_these_bytes() -> None:
     colors = colors_of(2)
     header = (
         b"ply\nformat binary_little_endian 1.0\ncomment +Y is up, the front faces +Z\nelement vertex 2\n"
@@ -26,7 +26,7 @@ def test_colored_ply_bytes() -> None:
     assert file_of(colored("ply"), TWO) == header + b"".join(rows)
 
 
-def test_colored_pcd_bytes() -> None:
+def test_write_as_colored_pcd_gives_these_bytes() -> None:
     data = file_of(colored("pcd"), TWO)
     head, _, body = data.partition(b"DATA binary\n")
     assert b"FIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F F\nCOUNT 1 1 1 1\nWIDTH 2\n" in head
@@ -36,7 +36,7 @@ def test_colored_pcd_bytes() -> None:
 
 
 @pytest.mark.parametrize("chunk", [1, 2])
-def test_colored_json_bytes(chunk: int) -> None:
+def test_write_as_colored_json_gives_these_bytes(chunk: int) -> None:
     data = file_of(colored("json"), TWO, chunk)
     plain = file_of(POINT_FORMATS["json"], TWO)
     assert data.startswith(plain.removesuffix(b"]}\n") + b'],"colors":[[')
@@ -44,7 +44,7 @@ def test_colored_json_bytes(chunk: int) -> None:
 
 
 @pytest.mark.parametrize("name", ["glb", "gltf"])
-def test_colored_gltf_holds_linear_light(name: str) -> None:
+def test_write_as_colored_gltf_gives_linear_light(name: str) -> None:
     levels = np.arange(256, dtype=np.uint8).repeat(3).reshape(-1, 3)
     points = canonical_points("ball", 256)
     data = b"".join(write(colored(name), ArrayCloud(points, levels)))
@@ -66,18 +66,18 @@ def test_colored_gltf_holds_linear_light(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["ply", "glb", "gltf"])
-def test_another_program_reads_the_points_of_a_file_in_colour(name: str) -> None:
+def test_write_with_colors_gives_another_program_the_points(name: str) -> None:
     points = canonical_points("ball", 2500)
     scene = trimesh.load_scene(io.BytesIO(file_of(colored(name), points)), file_type=name)
     np.testing.assert_array_equal(np.float32(scene.to_geometry().vertices), points)
 
 
-def test_another_program_reads_the_colours_of_a_ply() -> None:
+def test_write_as_colored_ply_gives_another_program_the_colors() -> None:
     cloud = trimesh.load(io.BytesIO(file_of(colored("ply"), canonical_points("ball", 2500))), file_type="ply")
     np.testing.assert_array_equal(cloud.colors[:, :3], colors_of(2500))
 
 
-def test_which_formats_hold_colours() -> None:
+def test_colored_formats_are_these() -> None:
     assert [fmt.name for fmt in COLORED] == ["ply", "json", "glb", "gltf", "pcd"]
     for fmt in FORMATS:
         assert fmt.holding(color=False) is fmt

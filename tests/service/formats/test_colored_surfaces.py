@@ -1,4 +1,4 @@
-"""Surfaces in colour over a real socket: what stands in each format, and what other programs read."""
+"""Surfaces with colors over a real socket: the content of each format, and what other programs read from it."""
 
 import io
 from pathlib import Path
@@ -25,12 +25,12 @@ COLORED = [name for name, fmt in MESH_FORMATS.items() if fmt.holds_color]
 Levels = npt.NDArray[np.float64]  # sRGB, 0 to 255
 
 
-def _file(client: httpx.Client, made: dict[str, Any], name: str, **query: int | str) -> bytes:
-    return file_of(client, made, "mesh", format=name, resolution=RESOLUTION, **query)
+def _file(client: httpx.Client, item: dict[str, Any], name: str, **query: int | str) -> bytes:
+    return file_of(client, item, "mesh", format=name, resolution=RESOLUTION, **query)
 
 
 def _read(data: bytes, name: str) -> tuple[trimesh.Trimesh, Levels]:
-    """What an independent reader makes of a file: the mesh, and the colours of its vertices."""
+    """Return what an independent reader gets from a file: the mesh, and the colors of its vertices."""
     (mesh,) = trimesh.load_scene(io.BytesIO(data), file_type=name, process=False).geometry.values()
     if name not in ("glb", "gltf"):
         return mesh, mesh.visual.vertex_colors[:, :3].astype(np.float64)
@@ -39,16 +39,16 @@ def _read(data: bytes, name: str) -> tuple[trimesh.Trimesh, Levels]:
 
 
 @pytest.mark.parametrize("word", [["red"], ["red", "blue"]])
-def test_each_vertex_has_the_colour_of_its_canonical_point(colored: httpx.Client, word: list[str]) -> None:
-    """In a word the mean of its functions' colours."""
-    made = encoded(colored, word[0])
+def test_mesh_vertices_have_the_colors_of_their_canonical_points(colored: httpx.Client, word: list[str]) -> None:
+    """The color of a word is the mean of its functions' colors."""
+    item = encoded(colored, word[0])
     if len(word) > 1:
-        ids = [encoded(colored, colour)["id"] for colour in word]
-        made = colored.post("/compose", json={"objects": ids}).json()
-    weights = load(colored.get(made["links"]["weights"]).content)
+        ids = [encoded(colored, color)["id"] for color in word]
+        item = colored.post("/compose", json={"objects": ids}).json()
+    weights = load(colored.get(item["links"]["weights"]).content)
     assert weights.color
     canonical, _ = shells(weights.spec.domain, RESOLUTION)
-    mesh, levels = _read(_file(colored, made, "ply"), "ply")
+    mesh, levels = _read(_file(colored, item, "ply"), "ply")
     places = compose(weights.spec, word_of(weights.spec, weights.theta), canonical)
     distances, index = cKDTree(places).query(mesh.vertices)
     assert distances.max() < 1e-5
@@ -61,31 +61,31 @@ def test_each_vertex_has_the_colour_of_its_canonical_point(colored: httpx.Client
 
 
 @pytest.mark.parametrize("name", COLORED)
-def test_other_programs_read_the_same_colours_of_every_format(colored: httpx.Client, name: str) -> None:
-    made = encoded(colored)
-    ply, levels = _read(_file(colored, made, "ply"), "ply")
-    mesh, read = _read(_file(colored, made, name), name)
+def test_mesh_in_every_format_gives_other_programs_the_same_colors(colored: httpx.Client, name: str) -> None:
+    item = encoded(colored)
+    ply, levels = _read(_file(colored, item, "ply"), "ply")
+    mesh, read = _read(_file(colored, item, name), name)
     np.testing.assert_allclose(mesh.triangles, ply.triangles, rtol=1e-5, atol=1e-5)
     np.testing.assert_allclose(read[mesh.faces], levels[ply.faces], atol=0.01)
 
 
 @pytest.mark.parametrize("name", ["glb", "gltf"])
-def test_the_khronos_validator_finds_nothing(colored: httpx.Client, name: str, tmp_path: Path) -> None:
+def test_colored_mesh_as_gltf_passes_the_khronos_validator(colored: httpx.Client, name: str, tmp_path: Path) -> None:
     data = _file(colored, encoded(colored), name)
     assert b"COLOR_0" in data
-    assert b'"baseColorFactor":[1.0,1.0,1.0,1.0]' in data  # anything else would tint the colours
+    assert b'"baseColorFactor":[1.0,1.0,1.0,1.0]' in data  # anything else would tint the colors
     assert check_valid(data, tmp_path)["info"]["totalTriangleCount"] > 1000
 
 
 @pytest.mark.parametrize("name", MESH_FORMATS)
-def test_color_none_gives_the_file_of_a_model_without_colour(
+def test_mesh_with_color_none_is_the_file_of_a_model_without_color(
     client: httpx.Client, colored: httpx.Client, name: str
 ) -> None:
     holds_color = MESH_FORMATS[name].holds_color
     check_none_leaves_color_out(client, colored, "mesh", holds_color, format=name, resolution=RESOLUTION)
 
 
-def test_colour_is_part_of_the_etag(colored: httpx.Client) -> None:
+def test_mesh_etag_depends_on_color(colored: httpx.Client) -> None:
     link = encoded(colored)["links"]["mesh"]
     tags = [colored.head(f"{link}?color={color}").headers["etag"] for color in ("auto", "none")]
     assert len(set(tags)) == 2
@@ -95,12 +95,12 @@ def test_colour_is_part_of_the_etag(colored: httpx.Client) -> None:
 
 @pytest.mark.parametrize("color", ["auto", "none"])
 @pytest.mark.parametrize("name", MESH_FORMATS)
-def test_the_command_line_gives_the_services_colours(
+def test_mesh_by_the_command_line_has_the_colors_of_the_service(
     colored: httpx.Client, tmp_path: Path, name: str, color: str
 ) -> None:
-    made = encoded(colored)
+    item = encoded(colored)
     file, out = tmp_path / "a.safetensors", tmp_path / f"a.{name}"
-    file.write_bytes(colored.get(made["links"]["weights"]).content)
+    file.write_bytes(colored.get(item["links"]["weights"]).content)
     command = ["mesh", str(file), "-o", str(out), "--resolution", str(RESOLUTION), "--color", color]
     assert cli.main(command) == 0
-    assert out.read_bytes() == _file(colored, made, name, color=color)
+    assert out.read_bytes() == _file(colored, item, name, color=color)

@@ -27,7 +27,7 @@ def _run(data: bytes, x: Array) -> Array:
 
 @pytest.mark.parametrize("spec", SPECS, ids=lambda spec: spec.name)
 @pytest.mark.parametrize("n", [1, 1000])
-def test_onnxruntime_gives_the_points_of_the_reference(spec: MappingSpec, n: int) -> None:
+def test_onnx_in_onnxruntime_gives_the_points_of_the_reference(spec: MappingSpec, n: int) -> None:
     theta, x = initial_theta(spec, 3), canonical_points(spec.domain, n, 0)
     points = _run(dump(spec, theta, {}), x)
     assert points.shape == (n, 3)
@@ -35,7 +35,7 @@ def test_onnxruntime_gives_the_points_of_the_reference(spec: MappingSpec, n: int
     np.testing.assert_allclose(points, mapping.power(spec, theta, x), atol=1e-5)
 
 
-def test_of_a_word_the_last_function_is_applied_first() -> None:
+def test_onnx_of_a_word_applies_the_last_function_first() -> None:
     spec = SPECS[2]
     word, x = [initial_theta(spec, seed) for seed in range(3)], canonical_points(spec.domain, 100, 0)
     points = _run(dump(spec, np.stack(word), {}), x)
@@ -43,7 +43,7 @@ def test_of_a_word_the_last_function_is_applied_first() -> None:
 
 
 @pytest.mark.parametrize("spec", SPECS, ids=lambda spec: spec.name)
-def test_the_file_is_valid_and_says_what_it_is(spec: MappingSpec) -> None:
+def test_onnx_file_is_valid_and_has_metadata(spec: MappingSpec) -> None:
     data = dump(spec, initial_theta(spec), {"hof.model": "é 模型", "hof.spec": spec.to_json()})
     model = onnx.load_model_from_string(data)
     onnx.checker.check_model(model, full_check=True)
@@ -57,7 +57,7 @@ def test_the_file_is_valid_and_says_what_it_is(spec: MappingSpec) -> None:
     assert [dim.dim_param or dim.dim_value for dim in points.type.tensor_type.shape.dim] == ["n", 3]
 
 
-def test_equal_functions_of_a_word_are_stored_once() -> None:
+def test_onnx_of_a_word_stores_equal_functions_once() -> None:
     spec = HOF_1.with_k(4)
     a, b = initial_theta(spec, 0), initial_theta(spec, 1)
     data = dump(spec, np.stack([a, b, a, a]), {})

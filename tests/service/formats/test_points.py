@@ -42,7 +42,7 @@ def read(fmt: PointFormat, data: bytes) -> Array:
     raise ValueError(fmt.name)
 
 
-def test_names() -> None:
+def test_point_formats_have_these_names() -> None:
     assert list(POINT_FORMATS) == ["ply", "npy", "xyz", "json", "glb", "gltf", "pcd", "f32", "f16"]
     assert all(name == fmt.name and fmt.extension == f".{name}" for name, fmt in POINT_FORMATS.items())
 
@@ -50,7 +50,7 @@ def test_names() -> None:
 # Bytes
 
 
-def test_ply_bytes() -> None:
+def test_write_as_ply_gives_these_bytes() -> None:
     header = (
         b"ply\nformat binary_little_endian 1.0\ncomment +Y is up, the front faces +Z\nelement vertex 2\n"
         b"property float x\nproperty float y\nproperty float z\nend_header\n"
@@ -58,23 +58,23 @@ def test_ply_bytes() -> None:
     assert file_of(POINT_FORMATS["ply"], TWO) == header + struct.pack("<6f", *TWO.ravel())
 
 
-def test_npy_bytes() -> None:
+def test_write_as_npy_gives_the_bytes_of_numpy() -> None:
     buffer = io.BytesIO()
     np.save(buffer, TWO)
     assert file_of(POINT_FORMATS["npy"], TWO) == buffer.getvalue()
 
 
-def test_xyz_bytes() -> None:
+def test_write_as_xyz_gives_these_bytes() -> None:
     assert file_of(POINT_FORMATS["xyz"], TWO) == b"0.5 -1 0\n0.1 2e-07 -123457\n"
 
 
 @pytest.mark.parametrize("chunk", [1, 2])
-def test_json_bytes(chunk: int) -> None:
+def test_write_as_json_gives_these_bytes(chunk: int) -> None:
     expected = b'{"n":2,"points":[[0.5,-1,0],[0.100000001,2.00000002e-07,-123456.789]]}\n'
     assert file_of(POINT_FORMATS["json"], TWO, chunk) == expected
 
 
-def test_glb_bytes() -> None:
+def test_write_as_glb_gives_these_bytes() -> None:
     data = file_of(POINT_FORMATS["glb"], TWO)
     magic, version, length, json_length, kind = struct.unpack_from("<4sIII4s", data)
     assert (magic, version, length, kind) == (b"glTF", 2, len(data), b"JSON")
@@ -89,7 +89,7 @@ def test_glb_bytes() -> None:
     np.testing.assert_array_equal(np.float32(accessor["max"]), TWO.max(axis=0))
 
 
-def test_gltf_bytes() -> None:
+def test_write_as_gltf_gives_the_document_of_glb() -> None:
     data = file_of(POINT_FORMATS["gltf"], TWO)
     uri = json.loads(data)["buffers"][0]["uri"]
     assert base64.b64decode(uri.removeprefix("data:application/octet-stream;base64,")) == struct.pack(
@@ -101,7 +101,7 @@ def test_gltf_bytes() -> None:
     assert document == inside
 
 
-def test_pcd_bytes() -> None:
+def test_write_as_pcd_gives_these_bytes() -> None:
     header = (
         b"# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
         b"WIDTH 2\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 2\nDATA binary\n"
@@ -109,7 +109,7 @@ def test_pcd_bytes() -> None:
     assert file_of(POINT_FORMATS["pcd"], TWO) == header + struct.pack("<6f", *TWO.ravel())
 
 
-def test_raw_bytes() -> None:
+def test_write_as_f32_and_f16_gives_these_bytes() -> None:
     assert file_of(POINT_FORMATS["f32"], TWO) == struct.pack("<6f", *TWO.ravel())
     assert file_of(POINT_FORMATS["f16"], TWO[:1]) == struct.pack("<3e", *TWO[0])
     assert file_of(POINT_FORMATS["f16"], TWO)[-2:] == struct.pack("<e", -65504)  # saturates, never infinite
@@ -120,7 +120,7 @@ def test_raw_bytes() -> None:
 
 @pytest.mark.parametrize("fmt", FORMATS, ids=lambda fmt: fmt.name)
 @pytest.mark.parametrize("n", [1, 2, 2500])
-def test_other_programs_read_the_points(fmt: PointFormat, n: int) -> None:
+def test_write_in_any_format_gives_other_programs_the_points(fmt: PointFormat, n: int) -> None:
     points = canonical_points("ball", n)
     back = read(fmt, file_of(fmt, points))
     if fmt.name in ("xyz", "f16"):  # six digits; eleven bits
@@ -130,24 +130,24 @@ def test_other_programs_read_the_points(fmt: PointFormat, n: int) -> None:
 
 
 @pytest.mark.parametrize("fmt", EVERY, ids=label)
-def test_chunking_leaves_the_bytes_alone(fmt: PointFormat) -> None:
+def test_write_in_any_chunking_gives_the_same_bytes(fmt: PointFormat) -> None:
     points = canonical_points("ball", 1234)
     assert file_of(fmt, points, 1) == file_of(fmt, points, 100) == file_of(fmt, points, 5000)
 
 
 @pytest.mark.parametrize("fmt", BINARY, ids=label)
 @pytest.mark.parametrize("n", [1, 9, 10, 9999, 10_000])
-def test_length_is_the_files(fmt: PointFormat, n: int) -> None:
+def test_length_of_a_binary_format_is_that_of_the_file(fmt: PointFormat, n: int) -> None:
     assert fmt.length(n) == len(file_of(fmt, np.ones((n, 3), np.float32)))
 
 
 @pytest.mark.parametrize("fmt", TEXT, ids=label)
-def test_length_of_text_is_unknown(fmt: PointFormat) -> None:
+def test_length_of_a_text_format_is_none(fmt: PointFormat) -> None:
     assert fmt.length(1000) is None
 
 
 @pytest.mark.parametrize("fmt", EVERY, ids=label)
-def test_points_that_are_views_and_of_either_byte_order(fmt: PointFormat) -> None:
+def test_write_of_views_and_either_byte_order_gives_the_same_bytes(fmt: PointFormat) -> None:
     wide = np.arange(40, dtype=np.float32).reshape(10, 4)
     view = wide[::2, :3]
     expected = file_of(fmt, np.ascontiguousarray(view))
@@ -156,14 +156,14 @@ def test_points_that_are_views_and_of_either_byte_order(fmt: PointFormat) -> Non
 
 
 @pytest.mark.parametrize("fmt", EVERY, ids=label)
-def test_pieces_are_one_a_chunk_and_never_empty(fmt: PointFormat) -> None:
+def test_write_gives_one_piece_per_chunk_and_none_empty(fmt: PointFormat) -> None:
     pieces = list(write(fmt, ArrayCloud(np.zeros((500, 3), np.float32), colors_of(500), chunk=100)))
     assert all(pieces)
     assert 5 * len(fmt.passes) <= len(pieces) <= 5 * len(fmt.passes) + 2
 
 
 @pytest.mark.parametrize("fmt", EVERY, ids=label)
-def test_only_formats_with_bounds_take_two_passes(fmt: PointFormat) -> None:
+def test_write_takes_a_second_pass_only_for_bounds(fmt: PointFormat) -> None:
     passes = []
 
     class Counting(ArrayCloud):
@@ -178,7 +178,7 @@ def test_only_formats_with_bounds_take_two_passes(fmt: PointFormat) -> None:
 
 
 @pytest.mark.parametrize("fmt", EVERY, ids=label)
-def test_too_many_or_no_points_are_refused_at_once(fmt: PointFormat) -> None:
+def test_write_of_too_many_or_no_points_raises_at_once(fmt: PointFormat) -> None:
     sizes = [0] if fmt.max_points is None else [0, fmt.max_points + 1]
     for n in sizes:
         with pytest.raises(InvalidParameter) as caught:
@@ -186,7 +186,7 @@ def test_too_many_or_no_points_are_refused_at_once(fmt: PointFormat) -> None:
         assert caught.value.field == "n"
 
 
-def test_limits() -> None:
+def test_max_points_of_json_and_glb_are_these() -> None:
     assert POINT_FORMATS["json"].max_points == 100_000
     largest = POINT_FORMATS["glb"].max_points
     assert largest is not None
@@ -201,7 +201,7 @@ def test_limits() -> None:
 @pytest.mark.parametrize("n", [1, 2, 10_000])
 @pytest.mark.parametrize("name", ["glb", "gltf"])
 @pytest.mark.parametrize("in_color", [False, True])
-def test_gltf_is_valid(name: str, n: int, in_color: bool, tmp_path: Path) -> None:
+def test_write_as_gltf_passes_the_khronos_validator(name: str, n: int, in_color: bool, tmp_path: Path) -> None:
     points = canonical_points("ball", n, seed=5)
     report = check_valid(file_of(colored(name) if in_color else POINT_FORMATS[name], points), tmp_path)
     assert report["info"]["totalVertexCount"] == n
@@ -209,23 +209,23 @@ def test_gltf_is_valid(name: str, n: int, in_color: bool, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("value", [0.0, -0.0, 1.1754944e-38, -3.4028235e38, 1 / 3])
-def test_glb_is_valid_for_awkward_numbers(value: float, tmp_path: Path) -> None:
+def test_write_as_glb_of_extreme_numbers_passes_the_khronos_validator(value: float, tmp_path: Path) -> None:
     check_valid(file_of(POINT_FORMATS["glb"], np.full((3, 3), value, np.float32)), tmp_path)
 
 
 @pytest.mark.parametrize("fmt", [POINT_FORMATS["glb"], POINT_FORMATS["glb"].colored], ids=label)
-def test_glb_head_is_of_fixed_size(fmt: PointFormat) -> None:
+def test_glb_head_of_any_bounds_has_a_fixed_size(fmt: PointFormat) -> None:
     assert fmt.max_points is not None
     long = np.full(3, -1.17549435e-38, np.float32)
     assert len(fmt.head(fmt.max_points, (long, long))) == len(fmt.head(1, bounds([TWO])))
 
 
-def test_glb_without_bounds() -> None:
+def test_glb_head_without_bounds_raises_value_error() -> None:
     with pytest.raises(ValueError, match="bounds"):
         POINT_FORMATS["glb"].head(2, None)
 
 
-def test_the_validator_sees_wrong_bounds(tmp_path: Path) -> None:
+def test_khronos_validator_of_wrong_bounds_reports_errors(tmp_path: Path) -> None:
     fmt = POINT_FORMATS["glb"]
     wrong = fmt.head(2, (np.zeros(3, np.float32), np.ones(3, np.float32))) + float32(TWO)
     assert gltf_report(wrong, tmp_path)["issues"]["numErrors"] > 0

@@ -48,7 +48,9 @@ def assert_equal(a: Weights, b: Weights) -> None:
     data=st.data(),
 )
 @settings(deadline=None)
-def test_round_trip(name: str, model: str, hidden: list[int], k: int, data: st.DataObject) -> None:
+def test_load_of_a_dumped_file_round_trips(
+    name: str, model: str, hidden: list[int], k: int, data: st.DataObject
+) -> None:
     spec = MappingSpec(name, 3, tuple(hidden), 3, k=k)
     theta = data.draw(npst.arrays(np.float32, spec.size, elements=finite))
     weights = Weights(spec, theta, model)
@@ -58,32 +60,32 @@ def test_round_trip(name: str, model: str, hidden: list[int], k: int, data: st.D
     np.testing.assert_array_equal(np.load(io.BytesIO(dump(weights, "npy"))), theta)
 
 
-def test_the_safetensors_library_reads_ours() -> None:
+def test_dump_as_safetensors_is_read_by_the_library() -> None:
     weights = Weights(HOF_1, initial_theta(HOF_1), "hof1")
     tensors = safetensors_numpy.load(dump(weights, "safetensors"))
     assert list(tensors) == ["theta"]
     np.testing.assert_array_equal(tensors["theta"], weights.theta)
 
 
-def test_we_read_the_safetensors_librarys() -> None:
+def test_load_of_a_file_by_the_safetensors_library_reads_it() -> None:
     assert_equal(load(safetensors_numpy.save({"theta": THETA}, metadata=METADATA)), WEIGHTS)
 
 
-def test_safetensors_bytes() -> None:
+def test_dump_as_safetensors_gives_these_bytes() -> None:
     (size,) = struct.unpack_from("<Q", FILE)
     assert size % 8 == 0
     assert json.loads(FILE[8 : 8 + size]) == {"__metadata__": METADATA, "theta": TENSOR}
     assert FILE[8 + size :] == struct.pack("<17f", *THETA)
 
 
-def test_json_fields() -> None:
+def test_dump_as_json_has_these_fields() -> None:
     fields = json.loads(dump(WEIGHTS, "json"))
     assert fields.keys() == {"format", "model", "spec", "theta"}
     assert (fields["format"], fields["model"]) == ("hof-theta-1", "hof1-k2")
     assert MappingSpec.from_dict(fields["spec"]) == TINY
 
 
-def test_json_holds_so_many_numbers_only() -> None:
+def test_dump_as_json_of_too_many_numbers_raises_invalid_parameter() -> None:
     spec = MappingSpec("wide", 3, (200,), 3, k=2)
     wide = Weights(spec, np.zeros((spec.k, spec.size), np.float32), "m")
     assert len(json.loads(dump(wide, "json"))["theta"]) == 2
@@ -92,7 +94,7 @@ def test_json_holds_so_many_numbers_only() -> None:
         dump(large, "json")
 
 
-def test_a_composed_objects_file_holds_k_thetas_and_its_word() -> None:
+def test_dump_of_a_composed_object_has_k_thetas_and_its_word() -> None:
     file = dump(WORD, "safetensors")
     assert_equal(load(file), WORD)
     np.testing.assert_array_equal(safetensors_numpy.load(file)["theta"], WORD.theta)
@@ -109,25 +111,25 @@ def test_a_composed_objects_file_holds_k_thetas_and_its_word() -> None:
     np.testing.assert_array_equal(np.load(io.BytesIO(dump(WORD, "npy"))), WORD.theta)
 
 
-def test_onnx_says_what_it_is() -> None:
+def test_dump_as_onnx_has_metadata() -> None:
     model = onnx.load_model_from_string(dump(WORD, "onnx"))
-    told = {entry.key: entry.value for entry in model.metadata_props}
-    assert told == {"hof.model": "hof1-k2", "hof.spec": TINY.to_json(), "hof.word": '["a", "b"]'}
+    metadata = {entry.key: entry.value for entry in model.metadata_props}
+    assert metadata == {"hof.model": "hof1-k2", "hof.spec": TINY.to_json(), "hof.word": '["a", "b"]'}
 
 
-def test_files_are_little_endian_whatever_theta_is() -> None:
+def test_dump_of_either_byte_order_is_little_endian() -> None:
     swapped = Weights(TINY, THETA.astype(">f4"), "x")
     for name in WEIGHT_FORMATS:
         assert dump(swapped, name) == dump(Weights(TINY, THETA, "x"), name)
 
 
-def test_loaded_theta_is_our_own_memory() -> None:
+def test_load_gives_theta_memory_of_its_own() -> None:
     theta = load(FILE).theta
     assert theta.flags.owndata
     assert theta.flags.writeable
 
 
-def test_formats() -> None:
+def test_weight_formats_have_these_names() -> None:
     assert list(WEIGHT_FORMATS) == ["safetensors", "npy", "json", "onnx"]
     assert all(fmt.extension == f".{name}" for name, fmt in WEIGHT_FORMATS.items())
 
@@ -136,26 +138,26 @@ def test_formats() -> None:
 
 
 @pytest.mark.parametrize("length", range(len(FILE)))
-def test_every_truncation_is_corrupt(length: int) -> None:
+def test_load_of_any_truncation_raises_corrupt_weights(length: int) -> None:
     with pytest.raises(CorruptWeights):
         load(FILE[:length])
 
 
-def test_trailing_bytes_are_corrupt() -> None:
+def test_load_with_trailing_bytes_raises_corrupt_weights() -> None:
     with pytest.raises(CorruptWeights):
         load(FILE + b"\0")
 
 
 @given(st.binary(max_size=300))
 @settings(deadline=None)
-def test_noise_is_corrupt(data: bytes) -> None:
+def test_load_of_noise_raises_corrupt_weights(data: bytes) -> None:
     with pytest.raises(CorruptWeights):
         load(data)
 
 
 @given(position=st.integers(8, len(FILE) - 1), value=st.integers(0, 255))
 @settings(deadline=None)
-def test_a_changed_byte_is_read_or_refused(position: int, value: int) -> None:
+def test_load_with_a_changed_byte_reads_or_refuses(position: int, value: int) -> None:
     data = bytearray(FILE)
     data[position] = value
     try:
@@ -167,13 +169,13 @@ def test_a_changed_byte_is_read_or_refused(position: int, value: int) -> None:
 
 
 @pytest.mark.parametrize("size", [MAX_HEADER_BYTES + 1, 2**40, 2**64 - 1])
-def test_a_huge_header_is_refused_unread(size: int) -> None:
+def test_load_with_a_huge_header_refuses_it_unread(size: int) -> None:
     with pytest.raises(CorruptWeights, match=r"at most 16384"):
         load(struct.pack("<Q", size) + b" " * 100_000)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_numbers_that_are_not_finite(value: float) -> None:
+def test_load_of_numbers_that_are_not_finite_raises_corrupt_weights(value: float) -> None:
     theta = THETA.copy()
     theta[5] = value
     with pytest.raises(CorruptWeights, match="finite"):
@@ -181,13 +183,13 @@ def test_numbers_that_are_not_finite(value: float) -> None:
 
 
 @pytest.mark.parametrize("size", [0, 16, 18, 7171])
-def test_theta_of_the_wrong_size(size: int) -> None:
+def test_load_of_a_theta_of_the_wrong_size_raises_corrupt_weights(size: int) -> None:
     with pytest.raises(CorruptWeights, match=r"\[17\]"):
         load(safetensors_numpy.save({"theta": np.zeros(size, np.float32)}, metadata=METADATA))
 
 
 @pytest.mark.parametrize("dtype", [np.float16, np.float64, np.int32])
-def test_theta_of_the_wrong_type(dtype: type) -> None:
+def test_load_of_a_theta_of_the_wrong_type_raises_corrupt_weights(dtype: type) -> None:
     with pytest.raises(CorruptWeights, match="F32"):
         load(safetensors_numpy.save({"theta": THETA.astype(dtype)}, metadata=METADATA))
 
@@ -195,13 +197,13 @@ def test_theta_of_the_wrong_type(dtype: type) -> None:
 @pytest.mark.parametrize(
     "tensors", [{}, {"weights": THETA}, {"theta": THETA, "more": THETA}, {"theta": THETA[None]}], ids=list
 )
-def test_other_tensors(tensors: dict[str, npt.NDArray[np.float32]]) -> None:
+def test_load_with_other_tensors_raises_corrupt_weights(tensors: dict[str, npt.NDArray[np.float32]]) -> None:
     with pytest.raises(CorruptWeights, match="nothing else"):
         load(safetensors_numpy.save(tensors, metadata=METADATA))
 
 
 @pytest.mark.parametrize("key", ["format", "spec", "model"])
-def test_missing_metadata(key: str) -> None:
+def test_load_with_missing_metadata_raises_corrupt_weights(key: str) -> None:
     metadata = {name: value for name, value in METADATA.items() if name != key}
     with pytest.raises(CorruptWeights, match=key):
         load(assemble({"__metadata__": metadata, "theta": TENSOR}))
@@ -230,7 +232,7 @@ def test_missing_metadata(key: str) -> None:
     ],
     ids=lambda header: str(header)[:60],
 )
-def test_bad_headers(header: object) -> None:
+def test_load_with_a_bad_header_raises_corrupt_weights(header: object) -> None:
     with pytest.raises(CorruptWeights):
         load(assemble(header))
 
@@ -238,7 +240,7 @@ def test_bad_headers(header: object) -> None:
 @pytest.mark.parametrize(
     "word", [None, "", "ab", "[", '["a"]', '["a","b","c"]', '["a",7]', '["a",""]', '["a","\\u0000"]', '{"a":1,"b":2}']
 )
-def test_a_bad_word(word: str | None) -> None:
+def test_load_with_a_bad_word_raises_corrupt_weights(word: str | None) -> None:
     metadata = METADATA | {"format": "hof-word-1"} | ({} if word is None else {"word": word})
     tensor = {"dtype": "F32", "shape": [2, 17], "data_offsets": [0, 136]}
     with pytest.raises(CorruptWeights):
@@ -246,13 +248,13 @@ def test_a_bad_word(word: str | None) -> None:
 
 
 @pytest.mark.parametrize("theta", [THETA, np.stack([THETA] * 3), np.stack([THETA] * 2).T])
-def test_a_word_with_thetas_of_another_shape(theta: Array) -> None:
+def test_load_of_a_word_with_thetas_of_another_shape_raises_corrupt_weights(theta: Array) -> None:
     metadata = METADATA | {"format": "hof-word-1", "word": '["a", "b"]'}
     with pytest.raises(CorruptWeights, match=r"\[2, 17\]"):
         load(safetensors_numpy.save({"theta": np.ascontiguousarray(theta)}, metadata=metadata))
 
 
 @pytest.mark.parametrize("spec", ["", "{}", TINY.to_json().replace("[2]", "[0]"), '{"hidden":[99999999999]}'])
-def test_a_bad_spec(spec: str) -> None:
+def test_load_with_a_bad_spec_raises_invalid_spec(spec: str) -> None:
     with pytest.raises(InvalidSpec):
         load(assemble({"__metadata__": METADATA | {"spec": spec}, "theta": TENSOR}))

@@ -21,7 +21,7 @@ ALPHA = 1e-3  # seeds are fixed, so a test that passes once always passes
 
 
 @pytest.mark.parametrize("domain", DOMAINS)
-def test_canonical_points_shape_and_type(domain: Domain) -> None:
+def test_canonical_points_of_any_domain_have_its_shape_and_type(domain: Domain) -> None:
     points = canonical_points(domain, 17)
     assert points.shape == (17, DOMAIN_DIMS[domain])
     assert points.dtype == np.float32
@@ -36,7 +36,7 @@ def test_canonical_points_shape_and_type(domain: Domain) -> None:
     data=st.data(),
 )
 @settings(max_examples=20, deadline=None)
-def test_any_window_of_canonical_points_is_the_same_points(
+def test_canonical_points_in_any_window_are_the_same(
     domain: Domain, seed: int, offset: int, n: int, data: st.DataObject
 ) -> None:
     whole = canonical_points(domain, n, seed, offset)
@@ -58,13 +58,13 @@ def test_canonical_points_are_numpys_philox() -> None:
 
 
 @pytest.mark.parametrize("domain", DOMAINS)
-def test_seeds_differ(domain: Domain) -> None:
+def test_canonical_points_of_other_seeds_differ(domain: Domain) -> None:
     a, b = canonical_points(domain, 1000, seed=0), canonical_points(domain, 1000, seed=1)
     assert not (a == b).all(axis=1).any()
 
 
 @pytest.mark.parametrize("domain", DOMAINS)
-def test_no_point_comes_twice(domain: Domain) -> None:
+def test_canonical_points_are_all_different(domain: Domain) -> None:
     assert len(np.unique(canonical_points(domain, 3 * BLOCK), axis=0)) == 3 * BLOCK
 
 
@@ -124,7 +124,7 @@ def test_cube_is_uniform(seed: int) -> None:
 # Sobol
 
 
-def test_sobol_is_scipys_sequence_with_a_digital_shift() -> None:
+def test_sobol_points_are_scipys_sequence_with_a_digital_shift() -> None:
     """SciPy's is the independent implementation: the first numbers of all four lanes, as 32-bit integers."""
     raw = (qmc.Sobol(4, scramble=False, bits=32).random(4 * BLOCK)[:, :3] * 2**32).astype(np.uint32)
     shift = np.random.Philox(key=9).random_raw(4).astype(np.uint32)[:3]
@@ -133,13 +133,13 @@ def test_sobol_is_scipys_sequence_with_a_digital_shift() -> None:
 
 
 @pytest.mark.parametrize("domain", DOMAINS)
-def test_sobol_windows_are_the_same_points(domain: Domain) -> None:
+def test_sobol_points_in_any_window_are_the_same(domain: Domain) -> None:
     whole = canonical_points(domain, 3 * BLOCK, 5, 2**31 - BLOCK - 7, sampling="sobol")
     part = canonical_points(domain, BLOCK, 5, 2**31 - 50, sampling="sobol")
     assert part.tobytes() == whole[BLOCK - 43 :][:BLOCK].tobytes()
 
 
 @pytest.mark.parametrize("domain", DOMAINS)
-def test_sobol_halves_of_every_axis_hold_as_many_points(domain: Domain) -> None:
+def test_sobol_points_fill_both_halves_of_every_axis_equally(domain: Domain) -> None:
     above = (canonical_points(domain, 2**14, 1, sampling="sobol") > 0).mean(axis=0)
     np.testing.assert_allclose(above, 0.5, atol=1e-3)  # independent points stray by 4e-3

@@ -66,7 +66,7 @@ def test_sample_is_the_composition_of_the_canonical_points(spec: MappingSpec) ->
     assert points.dtype == np.float32
 
 
-def test_the_last_function_of_a_word_is_applied_first() -> None:
+def test_sample_of_a_word_applies_the_last_function_first() -> None:
     spec = SMALL.with_k(2)
     a, b = thetas(spec)
     assert not np.allclose(cloud(spec, [a, b], 100), cloud(spec, [b, a], 100), atol=1e-3)
@@ -80,7 +80,7 @@ def test_the_last_function_of_a_word_is_applied_first() -> None:
     data=st.data(),
 )
 @settings(max_examples=15, deadline=None)
-def test_outputs_are_bitwise_equal_in_any_window_and_chunking(
+def test_sample_in_any_window_and_chunking_is_bitwise_equal(
     spec: MappingSpec, n: int, offset: int, chunk: int, data: st.DataObject
 ) -> None:
     word = thetas(spec)
@@ -93,7 +93,7 @@ def test_outputs_are_bitwise_equal_in_any_window_and_chunking(
 
 @given(n=st.integers(1, 20_000), offset=st.integers(0, 10_000), chunk=st.integers(50, 20_000))
 @settings(max_examples=30, deadline=None)
-def test_chunks_are_bounded_and_make_n_points(n: int, offset: int, chunk: int) -> None:
+def test_sample_in_chunks_gives_bounded_chunks_of_n_points(n: int, offset: int, chunk: int) -> None:
     sizes = [points.shape for points in sample(SMALL, thetas(SMALL), n, offset=offset, chunk=chunk)]
     assert sum(m for m, _ in sizes) == n
     assert all(0 < m <= chunk and d == 3 for m, d in sizes)
@@ -101,7 +101,7 @@ def test_chunks_are_bounded_and_make_n_points(n: int, offset: int, chunk: int) -
 
 @pytest.mark.parametrize("width", [1, 5, 16, 1000, 1024])
 @pytest.mark.parametrize("domain", ["ball", "sphere", "cube"])
-def test_folded_networks_agree_with_the_reference(width: int, domain: Domain) -> None:
+def test_folded_networks_of_any_size_agree_with_the_reference(width: int, domain: Domain) -> None:
     spec = MappingSpec("one layer", 3, (width,), 3, domain=domain, k=3)
     word, n = thetas(spec), CHUNK
     expected = compose(spec, word, canonical_points(domain, n, offset=n))
@@ -109,7 +109,7 @@ def test_folded_networks_agree_with_the_reference(width: int, domain: Domain) ->
     np.testing.assert_allclose(points, expected, atol=1e-5 * np.abs(expected).max())
 
 
-def test_a_fold_is_exact_inside_its_box_and_whole_outside() -> None:
+def test_fold_is_exact_inside_its_box_and_whole_outside() -> None:
     spec, box = HOF_1, np.ones(3)
     theta = initial_theta(spec)
     fold = Fold(spec, theta, -box, box, 5)
@@ -123,28 +123,28 @@ def test_a_fold_is_exact_inside_its_box_and_whole_outside() -> None:
     np.testing.assert_array_equal(fold.cells(x) == 5**3, outside)
 
 
-def test_a_fold_leaves_few_units_to_a_cell() -> None:
+def test_fold_leaves_few_units_to_a_cell() -> None:
     box = np.ones(3)
     fold = Fold(HOF_1, initial_theta(HOF_1), -box, box, 8)
     assert fold.crossing[:-1].mean() < 0.25
     assert fold.crossing[-1].all()
 
 
-def test_only_networks_of_one_hidden_layer_of_relus_in_space_are_folded() -> None:
+def test_sampler_folds_only_one_hidden_layer_of_relus_in_space() -> None:
     assert HOF_1.is_one_relu_layer
     assert not HOF_3.is_one_relu_layer
     assert not MappingSpec("tanh", 3, (8,), 3, "tanh").is_one_relu_layer
     assert not MappingSpec("four", 4, (8,), 3, domain="ball4").is_one_relu_layer
 
 
-def test_a_constant_function_can_be_folded() -> None:
+def test_fold_of_a_constant_function_gives_its_value() -> None:
     spec = SMALL.with_k(2)
     theta = initial_theta(spec) * 0
     theta[-3:] = [1, 2, 3]  # the output's bias
     np.testing.assert_array_equal(cloud(spec, [theta, theta], 10, offset=CHUNK), np.tile([1, 2, 3], (10, 1)))
 
 
-def test_points_beyond_float32_on_the_way_are_noticed() -> None:
+def test_sample_with_intermediate_values_beyond_float32_raises_corrupt_weights() -> None:
     """They must not be lost in a comparison, nor sorted into a cell that there is not."""
     spec = SMALL.with_k(2)
     large = initial_theta(spec)
@@ -154,22 +154,22 @@ def test_points_beyond_float32_on_the_way_are_noticed() -> None:
             cloud(spec, [initial_theta(spec), large], 1_000, offset=offset)
 
 
-def test_seed_changes_the_points() -> None:
+def test_sample_with_another_seed_gives_other_points() -> None:
     word = thetas(SMALL)
     assert (cloud(SMALL, word, 100, seed=0) != cloud(SMALL, word, 100, seed=1)).any(axis=1).all()
 
 
-def test_scale_multiplies() -> None:
+def test_sample_with_scale_multiplies_the_points() -> None:
     word = thetas(SMALL)
     np.testing.assert_array_equal(cloud(SMALL, word, 300, scale=2.5), np.float32(2.5) * cloud(SMALL, word, 300))
 
 
-def test_chunks_do_not_share_memory() -> None:
+def test_sample_chunks_do_not_share_memory() -> None:
     first, second = sample(SMALL, thetas(SMALL), 2 * BLOCK, chunk=BLOCK)
     assert not np.shares_memory(first, second)
 
 
-def test_the_word_is_not_mutated() -> None:
+def test_sample_leaves_the_word_unchanged() -> None:
     word = thetas(SMALL)
     before = word[0].copy()
     cloud(SMALL, word, 100, scale=3)
@@ -184,12 +184,12 @@ def peak_bytes(n: int) -> int:
     return peak
 
 
-def test_memory_does_not_grow_with_n() -> None:
+def test_sample_memory_does_not_grow_with_n() -> None:
     peak_bytes(1_300_000)  # what is compiled or loaded by a first call is of no cloud
     assert peak_bytes(1_300_000) < 1.1 * peak_bytes(130_000)
 
 
-def test_a_function_beyond_float32_is_refused() -> None:
+def test_sample_of_a_function_beyond_float32_raises_corrupt_weights() -> None:
     theta = np.full(SMALL.size, 3e38, np.float32)
     with pytest.raises(CorruptWeights, match="float32"):
         cloud(SMALL, [theta], 10)
@@ -212,13 +212,13 @@ def test_a_function_beyond_float32_is_refused() -> None:
         ({"word": thetas(SMALL.with_k(2))}, "word"),
     ],
 )
-def test_bad_arguments_are_refused_before_the_first_chunk(change: dict[str, Any], field: str) -> None:
+def test_sample_with_bad_arguments_raises_before_the_first_chunk(change: dict[str, Any], field: str) -> None:
     arguments: dict[str, Any] = {"spec": SMALL, "word": thetas(SMALL), "n": 10} | change
     with pytest.raises(InvalidParameter) as caught:
         sample(**arguments)
     assert caught.value.field == field
 
 
-def test_a_theta_that_does_not_fit_is_refused_before_the_first_chunk() -> None:
+def test_sample_with_a_theta_that_does_not_fit_raises_before_the_first_chunk() -> None:
     with pytest.raises(InvalidSpec):
         sample(SMALL, [np.zeros(7, np.float32)], 10)

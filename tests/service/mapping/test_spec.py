@@ -34,11 +34,11 @@ TINY_THETA = np.array([1, 2, 3, -1, 0, 1, 0.5, -0.5, 1, 0, 0, 1, 1, 1, 10, 20, 3
     ("spec", "size"),
     [(HOF_1, 7_171), (HOF_3, 33_923), (TINY, 17), (MappingSpec("4D", 4, (1024,), 3, domain="ball4"), 8_195)],
 )
-def test_size(spec: MappingSpec, size: int) -> None:
+def test_size_of_a_spec_counts_all_weights(spec: MappingSpec, size: int) -> None:
     assert spec.size == size
 
 
-def test_layers_read_theta_row_major_weights_before_bias() -> None:
+def test_layers_of_theta_are_row_major_weights_before_bias() -> None:
     (w1, b1), (w2, b2) = layers(TINY, TINY_THETA)
     np.testing.assert_array_equal(w1, [[1, 2, 3], [-1, 0, 1]])
     np.testing.assert_array_equal(b1, [0.5, -0.5])
@@ -46,21 +46,21 @@ def test_layers_read_theta_row_major_weights_before_bias() -> None:
     np.testing.assert_array_equal(b2, [10, 20, 30])
 
 
-def test_apply_by_hand() -> None:
+def test_apply_of_a_small_network_equals_the_sum_by_hand() -> None:
     # x = (1, 0, 0): hidden = relu(1.5, -1.5) = (1.5, 0); x = (0, 0, 1): hidden = (3.5, 0.5)
     points = apply(TINY, TINY_THETA, np.array([[1, 0, 0], [0, 0, 1]], np.float32))
     np.testing.assert_array_equal(points, [[11.5, 20, 31.5], [13.5, 20.5, 34]])
     assert points.dtype == np.float32
 
 
-def test_tanh_activation() -> None:
+def test_apply_with_tanh_uses_tanh() -> None:
     spec = MappingSpec("tanh", 3, (2,), 3, activation="tanh")
     points = apply(spec, TINY_THETA, np.array([[1, 0, 0]], np.float32))
     a, b = np.tanh(1.5), np.tanh(-1.5)
     np.testing.assert_allclose(points, [[10 + a, 20 + b, 30 + a + b]], rtol=1e-6)
 
 
-def test_last_layer_is_affine() -> None:
+def test_apply_last_layer_is_affine() -> None:
     theta = TINY_THETA.copy()
     theta[-3:] = -100
     assert (apply(TINY, theta, np.zeros((1, 3), np.float32)) < 0).all()
@@ -84,12 +84,12 @@ def test_compose_applies_the_last_function_first() -> None:
 
 
 @pytest.mark.parametrize("length", [0, 16, 18])
-def test_theta_of_the_wrong_size(length: int) -> None:
+def test_layers_of_a_theta_of_the_wrong_size_raises_invalid_spec(length: int) -> None:
     with pytest.raises(InvalidSpec, match="17"):
         layers(TINY, np.zeros(length, np.float32))
 
 
-def test_theta_of_the_wrong_shape() -> None:
+def test_layers_of_a_theta_of_the_wrong_shape_raises_invalid_spec() -> None:
     with pytest.raises(InvalidSpec):
         layers(TINY, TINY_THETA[None])
 
@@ -121,18 +121,18 @@ def specs(draw: st.DrawFn) -> MappingSpec:
 
 @given(specs())
 @settings(deadline=None)
-def test_json_round_trip(spec: MappingSpec) -> None:
+def test_json_of_any_spec_round_trips(spec: MappingSpec) -> None:
     assert MappingSpec.from_json(spec.to_json()) == spec
     assert MappingSpec.from_dict(json.loads(spec.to_json())) == spec
 
 
-def test_json_is_one_sorted_line() -> None:
+def test_to_json_of_a_spec_is_one_sorted_line() -> None:
     assert TINY.to_json() == (
         '{"activation":"relu","domain":"ball","hidden":[2],"input_dim":3,"k":1,"name":"tiny","output_dim":3}'
     )
 
 
-def test_json_defaults() -> None:
+def test_from_json_without_optional_fields_uses_defaults() -> None:
     assert MappingSpec.from_json('{"name":"HOF-1","input_dim":3,"hidden":[1024],"output_dim":3}') == HOF_1
 
 
@@ -161,7 +161,7 @@ def test_json_defaults() -> None:
         ({"colour": True}, "colour"),
     ],
 )
-def test_invalid_fields(change: dict[str, Any], field: str) -> None:
+def test_from_dict_with_an_invalid_field_raises_invalid_spec(change: dict[str, Any], field: str) -> None:
     fields = json.loads(HOF_1.to_json()) | change
     with pytest.raises(InvalidSpec) as caught:
         MappingSpec.from_dict(fields)
@@ -169,7 +169,7 @@ def test_invalid_fields(change: dict[str, Any], field: str) -> None:
 
 
 @pytest.mark.parametrize("field", ["name", "input_dim", "hidden", "output_dim"])
-def test_missing_fields(field: str) -> None:
+def test_from_dict_with_a_missing_field_raises_invalid_spec(field: str) -> None:
     fields = asdict(HOF_1)
     del fields[field]
     with pytest.raises(InvalidSpec, match=field):
@@ -177,12 +177,12 @@ def test_missing_fields(field: str) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "{", "[1]", "null", '"HOF-1"', "[" * 100_000])
-def test_what_is_no_spec(text: str) -> None:
+def test_from_json_of_other_text_raises_invalid_spec(text: str) -> None:
     with pytest.raises(InvalidSpec):
         MappingSpec.from_json(text)
 
 
-def test_an_objects_word_is_theta_k_times_or_its_rows() -> None:
+def test_word_of_theta_is_theta_k_times_or_its_rows() -> None:
     spec = TINY.with_k(2)
     a, b = initial_theta(spec, 0), initial_theta(spec, 1)
     for theta, word in ((a, (a, a)), (np.stack([a, b]), (a, b))):

@@ -1,4 +1,4 @@
-"""Surfaces of known functions: closed, outward, where they must be."""
+"""Surfaces of simple functions: closed, facing outward, in the right place."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ def _solid(surface: Surface) -> trimesh.Trimesh:
 
 
 @pytest.mark.parametrize("resolution", [1, 2, 5, 32])
-def test_an_icosphere_is_closed_and_faces_outward(resolution: int) -> None:
+def test_icosphere_of_any_resolution_is_closed_and_faces_outward(resolution: int) -> None:
     points, triangles = icosphere(resolution)
     assert (len(points), len(triangles)) == (10 * resolution**2 + 2, 20 * resolution**2)
     solid = trimesh.Trimesh(points, triangles, process=False)
@@ -40,7 +40,7 @@ def test_an_icosphere_is_closed_and_faces_outward(resolution: int) -> None:
     np.testing.assert_allclose(np.linalg.norm(points, axis=1), 1, atol=1e-6)
 
 
-def test_the_identity_gives_the_sphere_with_its_normals() -> None:
+def test_surface_of_identity_is_the_sphere_with_its_normals() -> None:
     surface = _surface(SPHERE, _linear((1, 1, 1)))
     solid = _solid(surface)
     assert solid.is_watertight
@@ -50,18 +50,18 @@ def test_the_identity_gives_the_sphere_with_its_normals() -> None:
     np.testing.assert_allclose(surface.normals, surface.vertices, atol=0.02)
 
 
-def test_f_is_applied_k_times_and_scaled() -> None:
+def test_surface_with_k_and_scale_applies_f_k_times_and_scales() -> None:
     extents = np.ptp(_surface(SPHERE, _linear((1, 0.5, 0.8)), scale=3).vertices, axis=0)
     np.testing.assert_allclose(extents, [6, 1.5, 3.84], rtol=0.02)
 
 
-def test_a_surface_of_any_size_has_its_normals() -> None:
+def test_surface_of_any_scale_has_unit_normals() -> None:
     small, large = (_surface(SPHERE, _linear((1, 0.5, 0.8)), scale=scale) for scale in SCALES)
     np.testing.assert_allclose(small.normals, large.normals, atol=1e-4)
 
 
 @pytest.mark.parametrize("domain", SHELLS)
-def test_shells_lie_in_their_domain_and_are_closed(domain: str) -> None:
+def test_shells_of_a_domain_are_closed_and_lie_in_it(domain: str) -> None:
     spec = MappingSpec("any", 4 if domain == "ball4" else 3, (8,), 3, domain=domain)  # type: ignore[arg-type]
     points, triangles = shells(spec.domain, 15)
     each = round(15 / SHELLS[spec.domain] ** 0.5)
@@ -78,7 +78,7 @@ def test_shells_lie_in_their_domain_and_are_closed(domain: str) -> None:
     assert distances.max() < 1e-5
 
 
-def test_what_f_tears_apart_is_not_joined() -> None:
+def test_surface_of_a_torn_domain_is_not_joined() -> None:
     """x -> x + 4 at the right of 0, within a hundredth of a unit: two half spheres, four apart."""
     spec = MappingSpec("eight", 3, (8,), 3, domain="sphere")
     (w, v) = (np.zeros((8, 3), np.float32), np.zeros((3, 8), np.float32))
@@ -96,13 +96,13 @@ def test_what_f_tears_apart_is_not_joined() -> None:
     assert len(solid.faces) > 0.9 * 20 * 32**2
 
 
-def test_a_function_that_is_constant_still_gives_unit_normals() -> None:
+def test_surface_of_a_constant_function_has_unit_normals() -> None:
     surface = _surface(SPHERE, np.zeros(SPHERE.size, np.float32))
     np.testing.assert_allclose(np.linalg.norm(surface.normals, axis=1), 1, atol=1e-6)
     assert len(surface.triangles) > 0
 
 
 @pytest.mark.parametrize("resolution", RESOLUTIONS)
-def test_the_ends_of_the_range_can_be_made(resolution: int) -> None:
+def test_surface_at_either_end_of_resolutions_is_computed(resolution: int) -> None:
     surface = _surface(SPHERE, _linear((1, 1, 1)), resolution)
     assert len(surface.triangles) == 20 * resolution**2

@@ -51,7 +51,7 @@ def colors_of(n: int) -> Colors:
 
 
 def label(fmt: PointFormat) -> str:
-    return f"{fmt.name}-in-colour" if fmt in COLORED else fmt.name
+    return f"{fmt.name}-in-color" if fmt in COLORED else fmt.name
 
 
 def colored(name: str) -> PointFormat:
