@@ -12,14 +12,14 @@ CHEAP: Final = 16  # costs up to which a cloud may have as many points as the se
 
 
 def cost_of(spec: MappingSpec, *functions: Functions) -> int:
-    """What a point of an object takes, the colours of all its functions included, in points of the default model; at
-    least 1."""
+    """Return the cost of one point of an object, in points of the default model, at least 1; it includes the colors of
+    all functions."""
     colors = sum(each.color.weights.size for each in functions if each.color)
     return max(1, (spec.k * spec.size + colors) // UNIT)
 
 
 def check_cost(n: int, cost: int, max_points: int, field: str) -> None:
-    """Refuse more points of a large function than it may take time for, with InvalidParameter."""
+    """Raise InvalidParameter if n points of a function of this cost would take too long."""
     most = max_points * CHEAP // cost
     if n > most:
         detail = f"{field} asks for {n} points, the limit for a function as large as this object's is {most}"
@@ -27,12 +27,12 @@ def check_cost(n: int, cost: int, max_points: int, field: str) -> None:
 
 
 def check_size(fmt: PointFormat, n: int, max_points: int) -> None:
-    """Refuse more points than the format or the service allows, with InvalidParameter."""
+    """Raise InvalidParameter if n is above the limit of the service or of the format."""
     if n > max_points:
         raise InvalidParameter(f"n is {n}, the limit of this service is {max_points}", field="n")
     fmt.check_count(n)
 
 
 def in_flight(n: int, ahead: int) -> int:
-    """How many points of n a stream has at a time, computed or being computed; a small one counts for a first part."""
+    """Return how many of n points a stream holds at a time, finished or in computation; at least a first part."""
     return min(max(n, FIRST_PART), (ahead + 1) * PART)

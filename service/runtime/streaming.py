@@ -15,11 +15,11 @@ Result = TypeVar("Result")
 
 
 async def stream(fmt: PointFormat, cloud: Cloud, run: Run, ahead: int) -> AsyncIterator[bytes]:
-    """The file of a cloud, piece by piece.
+    """Yield the file of a cloud piece by piece.
 
-    `run` computes parts on worker threads, up to `ahead` of them at a time, so that a large cloud takes
-    several cores and memory stays flat. Where the client leaves, parts not begun are dropped. A format
-    that needs bounds is computed twice.
+    `run` computes parts on worker threads, up to `ahead` at a time, so that a large cloud uses several cores and
+    memory stays flat. If the client leaves, parts that have not started are dropped. For a format that needs bounds,
+    all points are computed twice.
     """
     for step in steps(fmt, cloud):
         if isinstance(step, bytes):
@@ -32,7 +32,7 @@ async def stream(fmt: PointFormat, cloud: Cloud, run: Run, ahead: int) -> AsyncI
 
 
 async def gzipped(pieces: AsyncIterator[bytes], run: Run) -> AsyncIterator[bytes]:
-    """Compress a stream, at the fastest level: it must not become slower than the network it saves."""
+    """Compress a stream at the fastest level: compression must not be slower than the network."""
     squeeze = zlib.compressobj(level=1, wbits=31)  # 31: with gzip's header
     async for piece in pieces:
         if squeezed := await run(squeeze.compress, piece):
@@ -43,8 +43,10 @@ async def gzipped(pieces: AsyncIterator[bytes], run: Run) -> AsyncIterator[bytes
 async def _in_order(
     function: Callable[[Part], Result], parts: Iterator[Part], run: Run, ahead: int
 ) -> AsyncIterator[Result]:
-    """`function` of each part, in order, while up to `ahead` parts are being computed; the first is sent before
-    others begin, which would take the processor from it."""
+    """Yield `function` of each part, in order, while up to `ahead` parts are being computed.
+
+    The first part is yielded before others start, so that they do not take the processor from it.
+    """
     waiting: deque[asyncio.Task[Result]] = deque()
     try:
         for index, part in enumerate(parts):

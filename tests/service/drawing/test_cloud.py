@@ -1,4 +1,4 @@
-"""Pictures of points: where a point lands, which one hides which, what a camera sees."""
+"""Pictures of points: position, occlusion, color and shading."""
 
 import numpy as np
 import pytest

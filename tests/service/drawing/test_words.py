@@ -1,4 +1,4 @@
-"""Pictures of words: which words, in which cell, of which functions."""
+"""Pictures of words: the words, their cells and their functions."""
 
 from pathlib import Path
 

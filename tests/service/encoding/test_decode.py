@@ -1,4 +1,4 @@
-"""Photos of every sort, and files that only claim to be photos."""
+"""Photos of every kind, and files that only claim to be photos."""
 
 import contextlib
 import struct
@@ -178,7 +178,7 @@ def test_decode_of_a_damaged_file_raises_corrupt_image_or_reads_it(kind: str, da
 
 
 def _bombs() -> dict[str, bytes]:
-    """Small files whose headers announce much."""
+    """Return small files whose headers announce huge images."""
     white = Image.new("L", (6_000, 6_000), 255)
     return {
         "png": _png(30_000, 30_000, 8, 2, b""),

@@ -134,7 +134,7 @@ def test_encode_of_a_theta_that_is_not_finite_raises_invalid_model(tmp_path: Pat
 
 
 def test_onnxruntime_sends_no_telemetry(model_path: Path, tmp_path: Path) -> None:
-    """It would keep the id by which it tells and what it has to tell in the user's cache."""
+    """Telemetry would store an id and its events in the user's cache folder."""
     home = tmp_path / "home"
     home.mkdir()
     encoder = "service.encoding.encoder"

@@ -16,7 +16,7 @@ FRAMING = Framing(size=64, foreground_ratio=0.85)
 
 
 def _object_span(tensor: np.ndarray[Any, Any]) -> tuple[int, int, int, int]:
-    """left, top, right, bottom of what is not white in an encoder's input."""
+    """Return left, top, right, bottom of the pixels that are not white in an encoder's input."""
     rows, columns = np.nonzero((tensor[0] < 0.5).any(axis=0))
     return int(columns.min()), int(rows.min()), int(columns.max()) + 1, int(rows.max()) + 1
 

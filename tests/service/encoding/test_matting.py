@@ -1,4 +1,4 @@
-"""Matting: what stands out in front of any background, on real pictures, with the real network."""
+"""Matting in front of any background, on real pictures, with the real network."""
 
 import hashlib
 from collections.abc import Iterator
@@ -44,7 +44,7 @@ def _texture(name: str) -> Image.Image:
 
 
 def _over(name: str, texture: str) -> tuple[Image.Image, np.ndarray[tuple[int, ...], np.dtype[np.bool_]]]:
-    """A picture of the demo before a texture, and where its object is, (H, W)."""
+    """Return a picture of the demo in front of a texture, and the mask of its object, (H, W)."""
     with Image.open(DEMO / name) as picture:
         ground = _texture(texture).resize(picture.size)
         ground.paste(picture, (0, 0), picture)

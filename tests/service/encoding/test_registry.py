@@ -1,4 +1,4 @@
-"""Two models in one service: who encodes, and what an object remembers."""
+"""Two models in one service: the model that encodes, and the model that an object records."""
 
 import base64
 from collections.abc import Iterator

@@ -145,7 +145,7 @@ def test_fold_of_a_constant_function_gives_its_value() -> None:
 
 
 def test_sample_with_intermediate_values_beyond_float32_raises_corrupt_weights() -> None:
-    """They must not be lost in a comparison, nor sorted into a cell that there is not."""
+    """NaN must not be lost in a comparison, nor be sorted into a cell that does not exist."""
     spec = SMALL.with_k(2)
     large = initial_theta(spec)
     large[-51:] = 3e38
