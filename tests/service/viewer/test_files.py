@@ -11,7 +11,12 @@ from service.formats.mesh.registry import MESH_FORMATS
 from service.formats.points.registry import POINT_FORMATS
 from service.formats.weights import WEIGHT_FORMATS
 
-OWN = [path for path in viewer.STATIC.iterdir() if path.is_file()]
+OWN_FILES = [
+    *viewer.STATIC.glob("*.html"),
+    *viewer.STATIC.glob("*.svg"),
+    *viewer.STATIC.glob("css/*"),
+    *viewer.STATIC.glob("js/*"),
+]
 INDEX = (viewer.STATIC / "index.html").read_text("utf-8")
 
 
@@ -32,8 +37,8 @@ def test_the_page_is_served_to_be_kept_and_to_load_nothing_from_elsewhere(client
 @pytest.mark.parametrize(
     ("name", "media_type"),
     [
-        ("main.js", "text/javascript; charset=utf-8"),
-        ("style.css", "text/css; charset=utf-8"),
+        ("js/main.js", "text/javascript; charset=utf-8"),
+        ("css/style.css", "text/css; charset=utf-8"),
         ("icon.svg", "image/svg+xml"),
         ("bundle/three/three.module.min.js", "text/javascript; charset=utf-8"),
         ("bundle/photos/chair.png", "image/png"),
@@ -57,15 +62,16 @@ def test_only_files_of_the_page_are_served(client: httpx.Client) -> None:
     for path in ("/viewer/no.js", "/viewer/", "/viewer/%2e%2e/package.json", "/viewer/%2e%2e/%2e%2e/app.py"):
         answer = client.get(path)
         assert (answer.status_code, answer.headers["content-type"]) == (404, "application/problem+json"), path
-    assert client.post("/").status_code == client.post("/viewer/main.js").status_code == 405
+    assert client.post("/").status_code == client.post("/viewer/js/main.js").status_code == 405
 
 
 def test_everything_that_a_page_names_is_there(client: httpx.Client) -> None:
-    for path in OWN:
+    for path in OWN_FILES:
         text = path.read_text("utf-8")
-        named = re.findall(r'(?:src|href)="(/[^"]+)"|"(/viewer/[^"]+)"', text)
-        relative = re.findall(r'from "\./([^"]+)"', text)
-        for name in [*("".join(pair) for pair in named), *(f"/viewer/{name}" for name in relative)]:
+        absolute = ["".join(pair) for pair in re.findall(r'(?:src|href)="(/[^"]+)"|"(/viewer/[^"]+)"', text)]
+        folder = path.parent.relative_to(viewer.STATIC).as_posix()
+        relative = [f"/viewer/{folder}/{name}" for name in re.findall(r'from "\./([^"]+)"', text)]
+        for name in absolute + relative:
             assert client.get(name).status_code == 200, (path.name, name)
         assert not re.search(r"https?://(?!www\.w3\.org/2000/svg)", text), path.name
 

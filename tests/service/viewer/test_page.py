@@ -197,7 +197,7 @@ def test_an_object_in_colour_is_shown_and_saved_so_unless_switched_off(page_in_c
     expect(page.locator("#count")).to_have_text("1,000,000 points")
     page.locator("#n").press("Home")
     for color, header in ((True, b"property uchar red"), (False, b"property float z\nend_header")):
-        page.get_by_label("Colour").set_checked(color)
+        page.get_by_label("Color").set_checked(color)
         assert (warm(page) > 0) == color
         run(curl_line(page, "download"), tmp_path)
         assert header in (tmp_path / "object.ply").read_bytes()
@@ -211,13 +211,13 @@ def test_a_surface_in_colour_is_shown_and_saved_so_unless_switched_off(page_in_c
     assert warm(page) > 500
     page.screenshot(path=PICTURES / "surface-color.png")
     for color in (False, True):
-        page.get_by_label("Colour").set_checked(color)
+        page.get_by_label("Color").set_checked(color)
         assert (warm(page) > 0) == color
         run(curl_line(page, "download"), tmp_path)
         assert (b"COLOR_0" in (tmp_path / "object.glb").read_bytes()) == color
     assert (pixels(page) == painted).all()
     page.locator("#format").select_option("safetensors")
-    page.get_by_label("Colour").uncheck()
+    page.get_by_label("Color").uncheck()
     assert "color" not in curl_line(page, "download")
 
 

@@ -94,7 +94,7 @@ def test_call_with_a_key_is_allowed_by_its_scopes_only(
 
 
 @pytest.mark.parametrize(
-    "path", ["/", "/docs", "/openapi.json", "/viewer/main.js", "/health/live", "/health/ready", "/v2/health/ready"]
+    "path", ["/", "/docs", "/openapi.json", "/viewer/js/main.js", "/health/live", "/health/ready", "/v2/health/ready"]
 )
 def test_probes_and_pages_without_a_key_answer_200(keyed: httpx.Client, path: str) -> None:
     assert keyed.get(path).status_code == 200

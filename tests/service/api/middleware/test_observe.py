@@ -94,7 +94,7 @@ def test_fault_is_counted_and_answered_with_the_request_id(
 
 
 @pytest.mark.parametrize(
-    "path", ["/", "/objects", "/objects/x", "/nope", "/viewer/main.js", "/health/live", "/metrics"]
+    "path", ["/", "/objects", "/objects/x", "/nope", "/viewer/js/main.js", "/health/live", "/metrics"]
 )
 def test_request_id_is_on_every_answer(client: httpx.Client, path: str) -> None:
     assert client.get(path, headers={"X-Request-ID": "a-1_2.3:4"}).headers["x-request-id"] == "a-1_2.3:4"

@@ -87,9 +87,9 @@ export function bytesPerPoint(object) {
   return object.color ? BYTES_PER_COLORED_POINT : BYTES_PER_POINT;
 }
 
-/** Fetch points, with their colours if the object has any, and hand on their bytes (Uint8Array) as they arrive. */
+/** Fetch points, with their colors if the object has any, and hand on their bytes (Uint8Array) as they arrive. */
 export async function streamPoints(object, query, signal, take) {
-  const format = object.color ? "pcd" : "f32"; // of those with colours the one whose points are whole words
+  const format = object.color ? "pcd" : "f32"; // of those with colors the one whose points are whole words
   const answer = await call(filePath(object, "points", { ...query, format }), { signal });
   const reader = answer.body.getReader();
   let head = object.color ? "" : null; // none any more

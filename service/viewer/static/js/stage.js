@@ -2,7 +2,7 @@
 import { Color, MathUtils, PerspectiveCamera, ShaderMaterial, Spherical, WebGLRenderer } from "three";
 import { OrbitControls } from "three/controls";
 
-import { colours, onColoursChange } from "./colours.js";
+import { colors, onColorsChange } from "./colors.js";
 import { surfaceMaterials } from "./surface.js";
 
 const DISTANCE = 3.1; // of the camera; the longest side of an object is 1
@@ -10,7 +10,7 @@ const FIELD_OF_VIEW = 26; // degrees
 const START = { azimuth: 30, elevation: 20 }; // degrees; azimuth 0 looks at the front
 const STEP = 10; // degrees a key turns
 const ZOOM = 1.15; // a key's
-const DIMMEST = 0.7; // of their colour's light: the farthest points
+const DIMMEST = 0.7; // of their color's light: the farthest points
 const POINT_SIZE = { least: 1.4, most: 4, share: 0.42 }; // CSS pixels; share of a cell's side over sqrt(n)
 
 const VERTEX = `
@@ -73,7 +73,7 @@ export class Stage {
     this.controls.addEventListener("change", () => this.redraw());
     canvas.addEventListener("keydown", (event) => this.#key(event));
     new ResizeObserver(() => this.redraw()).observe(canvas);
-    onColoursChange(() => this.redraw());
+    onColorsChange(() => this.redraw());
     this.reset();
   }
 
@@ -90,7 +90,7 @@ export class Stage {
     this.redraw();
   }
 
-  /** Show objects in their colours, or all in shades. */
+  /** Show objects in their colors, or all in shades. */
   paint(inColor) {
     this.inColor = inColor;
     this.redraw();
@@ -157,7 +157,7 @@ export class Stage {
     const { least, most, share } = POINT_SIZE;
     uniforms.size.value = ratio * MathUtils.clamp((share * side) / Math.sqrt(this.shown || 1), least, most);
     uniforms.distance.value = this.camera.position.length();
-    const { near, far } = colours();
+    const { near, far } = colors();
     uniforms.near.value.setRGB(...near.map((channel) => channel / 255));
     uniforms.far.value.setRGB(...far.map((channel) => channel / 255));
   }

@@ -13,7 +13,7 @@ const line = section.querySelector(".curl");
 
 const MASKS = {
   alpha: "Background told by transparency",
-  border: "Background told by its one colour",
+  border: "Background told by its one color",
   matting: "Background told by matting",
   none: "Nothing told the background: the whole picture was taken",
 };

@@ -12,7 +12,7 @@ import { bytesPerPoint } from "./api.js";
 
 /** Points that arrive in order: the first m of n are those of m, so that more of them are appended. */
 export class Cloud {
-  /** `materials` of points and of surfaces: what shades them, and what paints those of objects in colour. */
+  /** `materials` of points and of surfaces: what shades them, and what paints those of objects in color. */
   constructor(object, materials) {
     this.object = object;
     this.size = bytesPerPoint(object); // of a point, bytes
@@ -59,7 +59,7 @@ export class Cloud {
     }
   }
 
-  /** Show the object's colours, if it has any, or shades. */
+  /** Show the object's colors, if it has any, or shades. */
   paint(inColor) {
     const way = inColor && this.object.color ? "painted" : "shaded";
     this.points.material = this.materials.points[way];

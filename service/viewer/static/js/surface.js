@@ -37,14 +37,14 @@ const FRAGMENT = `
     #endif
   }`;
 
-/** What surfaces are shaded with, and what paints those in colour; they share the uniforms of the points. */
+/** What surfaces are shaded with, and what paints those in color; they share the uniforms of the points. */
 export function surfaceMaterials(uniforms) {
   const material = (defines) =>
     new ShaderMaterial({ vertexShader: VERTEX, fragmentShader: FRAGMENT, uniforms, defines, side: DoubleSide });
   return { shaded: material({}), painted: material({ PAINTED: "" }) };
 }
 
-/** Fetch the surface of an object, with its colours if it has any, as a Mesh; its material is the cloud's to choose. */
+/** Fetch the surface of an object, with its colors if it has any, as a Mesh; its material is the cloud's to choose. */
 export async function fetchSurface(object, signal) {
   const bytes = await fetchBytes(filePath(object, "mesh", { format: "glb" }), signal);
   const { positions, normals, colors, indices } = readGlb(bytes);

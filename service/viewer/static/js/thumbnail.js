@@ -1,6 +1,6 @@
-// A small picture of a cloud on a 2D canvas: orthographic, near points over far ones, in colour or shaded by depth.
+// A small picture of a cloud on a 2D canvas: orthographic, near points over far ones, in color or shaded by depth.
 import { bytesPerPoint } from "./api.js";
-import { colours } from "./colours.js";
+import { colors } from "./colors.js";
 
 const AZIMUTH = (30 * Math.PI) / 180;
 const ELEVATION = (20 * Math.PI) / 180;
@@ -12,7 +12,7 @@ export function drawThumbnail(canvas, object, points) {
   const side = canvas.width;
   const scale = side / EXTENT;
   const seen = project(points, bytesPerPoint(object)).sort((a, b) => a.depth - b.depth);
-  const { near, far } = colours();
+  const { near, far } = colors();
   const size = side / 110;
   context.clearRect(0, 0, side, side);
   for (const { x, y, depth, start } of seen) {

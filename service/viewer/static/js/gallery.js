@@ -1,6 +1,6 @@
 // The stored objects: each with its picture; one opens, and one dragged onto another composes the two.
 import { fetchPoints, listObjects } from "./api.js";
-import { onColoursChange } from "./colours.js";
+import { onColorsChange } from "./colors.js";
 import { attempt } from "./problem.js";
 import { drawThumbnail } from "./thumbnail.js";
 
@@ -23,7 +23,7 @@ export function startGallery(given) {
   actions = given;
   more.addEventListener("click", () => attempt(() => load(cursor)));
   document.addEventListener("keydown", (event) => event.key === "Escape" && pick(null));
-  onColoursChange(() => cards.forEach(draw));
+  onColorsChange(() => cards.forEach(draw));
   pick(null);
 }
 
