@@ -1,6 +1,6 @@
-"""Request heads, bounded in bytes and in time: uvicorn reads one of any size and waits for it for ever.
+"""HTTP/1.1 connections with limits on request heads: uvicorn alone reads heads of any size and waits without end.
 
-A body's bytes and times are bounded where it is read (`service.api.wire.uploads`, `service.api.wire.disconnects`).
+`service.api.wire.uploads` limits bodies, and `service.api.wire.disconnects` watches for clients that leave.
 """
 
 import asyncio
@@ -17,95 +17,100 @@ from service.errors import HeadTooLarge, HofError, InvalidInput, Stalled
 
 logger: Final = logging.getLogger("hof.access")
 
-MAX_HEAD_BYTES: Final = 65_536  # of a request's target and of its fields
-PUNCTUATION: Final = 4  # bytes of a field beside its name and value: a colon, a space, the line's end
+MAX_HEAD_BYTES: Final = 65_536  # of a request's target and header fields
+PUNCTUATION: Final = 4  # bytes of a field besides name and value: a colon, a space, CR and LF
 
 
-def bounded_heads(seconds: float) -> type[asyncio.Protocol]:
-    """What uvicorn makes for each connection (its setting `http`): a head must be there after so many seconds."""
-    return cast(type[asyncio.Protocol], partial(BoundedHeads, seconds=seconds))  # a partial can be pickled
+def http_protocol(head_timeout_s: float) -> type[asyncio.Protocol]:
+    """Return the protocol factory for uvicorn's setting `http`; a head must be complete after `head_timeout_s`."""
+    factory = partial(LimitedHttpProtocol, head_timeout_s=head_timeout_s)  # a partial can be pickled
+    return cast(type[asyncio.Protocol], factory)
 
 
-class BoundedHeads(HttpToolsProtocol):
-    """One connection. A head that is too large is a 431, one that does not end in time a 408, what is no HTTP a 400;
-    each is a problem and the connection's end. A client that connects and says nothing is closed without a word.
+class LimitedHttpProtocol(HttpToolsProtocol):
+    """One connection. Too large a head is a 431, too slow a head a 408, and anything but HTTP a 400.
 
-    One request at a time: what comes before the answer has ended is dropped, and the connection ends with that
-    answer (RFC 9112, 9.3.2: its client asks again). So no queue grows, and a client that leaves is always noticed.
+    Each of these is a problem document and ends the connection. A client that connects and sends nothing is
+    disconnected without an answer.
+
+    One request at a time: bytes that arrive before the answer has ended are dropped, and the connection ends with
+    that answer (RFC 9112, 9.3.2: the client then sends the request again). So no queue grows, and a client that
+    leaves is always noticed.
     """
 
-    def __init__(self, *args: Any, seconds: float, **options: Any) -> None:  # noqa: ANN401 - as uvicorn calls it
+    def __init__(self, *args: Any, head_timeout_s: float, **options: Any) -> None:  # noqa: ANN401 - as uvicorn calls it
         super().__init__(*args, **options)
-        self._seconds = seconds
-        self._clock: asyncio.TimerHandle | None = None  # runs until the head has ended
-        self._begun = False  # whether the clock's head has a first byte
-        self._head_bytes = 0  # of this request; trailers count, too
-        self._deaf = False  # what comes is dropped: the connection is about to end
-        self._lingers_until: float | None = None  # the loop's time at which an answered connection ends
-        self._held_bytes = 0  # received, and of no target, field or body so far: httptools collects a field
+        self._head_timeout_s = head_timeout_s
+        self._timer: asyncio.TimerHandle | None = None  # runs until the head is complete
+        self._head_has_begun = False  # the head that the timer waits for has a first byte
+        self._head_bytes = 0  # of this request, trailers included
+        self._ignores_input = False  # the connection is about to end
+        self._lingers_until: float | None = None  # loop time at which an answered connection ends
+        self._held_bytes = 0  # received, but not yet part of a target, field or body: httptools buffers a field
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Wait for the first head."""
         super().connection_made(transport)
-        self._start_clock()
+        self._start_timer()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Wait no more."""
-        self._stop_clock()
+        """Stop waiting."""
+        self._stop_timer()
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
-        """Read on, unless this is one field without an end."""
-        if self._deaf:
+        """Parse the data. Refuse a single field that is larger than a whole head may be."""
+        if self._ignores_input:
             return
         self._held_bytes += len(data)
         super().data_received(data)
-        if self._deaf or self.transport.is_closing():
+        if self._ignores_input or self.transport.is_closing():
             return
         if self._held_bytes > MAX_HEAD_BYTES:
             self._refuse(_too_large())
-        elif self._clock is None and self.cycle is not None and self.cycle.response_complete:
-            # The rest of a body that nobody reads, blank lines: uvicorn would not wait for their end, but for ever.
+        elif self._timer is None and self.cycle is not None and self.cycle.response_complete:
+            # The answer is out, and the rest of an unread body or blank lines arrive: uvicorn would wait without end.
             self._lingers_until = self._lingers_until or self.loop.time() + self.timeout_keep_alive
             self.timeout_keep_alive_task = self.loop.call_at(self._lingers_until, self.timeout_keep_alive_handler)
 
     def on_message_begin(self) -> None:
-        """The first byte of a head. Raises InvalidInput, which ends the parsing, where the last call still runs."""
+        """Begin a head. Raises InvalidInput, which ends the parsing, while the previous request is being answered."""
         if self.cycle is not None and not self.cycle.response_complete:
             self.cycle.keep_alive = False
-            self._deaf = True
+            self._ignores_input = True
             raise InvalidInput("one request at a time")
         super().on_message_begin()
         self._lingers_until = None
         self._head_bytes = self._held_bytes = 0
-        self._begun = True
-        if self._clock is None:
-            self._start_clock()
+        self._head_has_begun = True
+        if self._timer is None:
+            self._start_timer()
 
     def on_url(self, url: bytes) -> None:
-        """A part of the target. Raises HeadTooLarge, which ends the parsing."""
+        """Take a part of the target. Raises HeadTooLarge, which ends the parsing."""
         self._count(len(url))
         super().on_url(url)
 
     def on_header(self, name: bytes, value: bytes) -> None:
-        """A field of the head, or of the trailers. Raises HeadTooLarge, which ends the parsing."""
+        """Take a field of the head or of the trailers. Raises HeadTooLarge, which ends the parsing."""
         self._count(len(name) + len(value) + PUNCTUATION)
         super().on_header(name, value)
 
     def on_headers_complete(self) -> None:
-        """The head has ended."""
-        self._stop_clock()
+        """End the head."""
+        self._stop_timer()
         super().on_headers_complete()
 
     def on_body(self, body: bytes) -> None:
-        """A part of the body."""
+        """Take a part of the body."""
         self._held_bytes = 0
         super().on_body(body)
 
     def send_400_response(self, msg: str) -> None:
-        """What the parser refuses, or we within it."""
-        if not self._deaf:
-            self._refuse(_too_large() if self._head_bytes > MAX_HEAD_BYTES else InvalidInput("this is no HTTP request"))
+        """Answer a parsing error, ours (431) or httptools' (400)."""
+        if not self._ignores_input:
+            is_too_large = self._head_bytes > MAX_HEAD_BYTES
+            self._refuse(_too_large() if is_too_large else InvalidInput("the bytes received are not an HTTP request"))
 
     def _count(self, size: int) -> None:
         self._held_bytes = 0
@@ -113,35 +118,35 @@ class BoundedHeads(HttpToolsProtocol):
         if self._head_bytes > MAX_HEAD_BYTES:
             raise _too_large()
 
-    def _start_clock(self) -> None:
-        self._clock = self.loop.call_later(self._seconds, self._run_out)
+    def _start_timer(self) -> None:
+        self._timer = self.loop.call_later(self._head_timeout_s, self._time_out)
 
-    def _stop_clock(self) -> None:
-        self._begun = False
-        if self._clock is not None:
-            self._clock.cancel()
-            self._clock = None
+    def _stop_timer(self) -> None:
+        self._head_has_begun = False
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
 
-    def _run_out(self) -> None:
-        if self._begun:
-            self._refuse(Stalled(f"the request's head did not end within {self._seconds:g} s"))
+    def _time_out(self) -> None:
+        if self._head_has_begun:
+            self._refuse(Stalled(f"the request's head was not complete within {self._head_timeout_s:g} s"))
         else:
             self.transport.close()
 
     def _refuse(self, error: HofError) -> None:
-        """Answer, unless that would break into another answer, and hang up. The log is told; no route is."""
+        """Log the error, send it unless another answer has begun, and end the connection. No route sees the call."""
         fields = {"status": error.status, "client": self.client[0] if self.client else None}
         logger.info("no request: %d %s", error.status, error.title, extra={"fields": fields})
         cycle = self.cycle
-        is_within = cycle is not None and not cycle.response_complete  # a request of which a part has come
-        if not is_within or (cycle.more_body and not cycle.response_started):
+        is_in_request = cycle is not None and not cycle.response_complete  # a part of a request has arrived
+        if not is_in_request or (cycle.more_body and not cycle.response_started):
             answer = respond(error)
             headers = MutableHeaders(raw=[*self.server_state.default_headers, *answer.raw_headers])
             headers.update({**SECURE, "Connection": "close"})
             lines = b"".join(b"%b: %b\r\n" % field for field in headers.raw)
             self.transport.write(STATUS_LINE[error.status] + lines + b"\r\n" + bytes(answer.body))
-        if is_within:
-            cycle.disconnected = True  # so that the call says nothing more, and ends
+        if is_in_request:
+            cycle.disconnected = True  # so that the call sends nothing more, and ends
             cycle.message_event.set()
         self.transport.close()
 

@@ -1,4 +1,4 @@
-"""How the C library and Python keep this process's memory."""
+"""How this process's C library and garbage collector manage memory."""
 
 import ctypes
 import gc
@@ -11,11 +11,11 @@ VARIABLE: Final = "MALLOC_ARENA_MAX"
 
 
 def share_one_arena() -> bool:
-    """Let all threads that begin later allocate from one arena, in this process and in those that it starts.
+    """Let all threads that start later allocate from one arena, in this process and its children.
 
-    glibc gives each thread an arena of its own, which keeps what its largest image or cloud took: much of the
-    service's resident memory, and what made it grow for hours (`make soak`). Whoever sets VARIABLE is left alone.
-    Returns whether the C library took it.
+    glibc gives each thread an arena of its own, which keeps the memory of that thread's largest image or cloud: much
+    of the service's resident memory, and the reason why it grew for hours (`make soak`). If the user sets VARIABLE,
+    nothing changes. Returns whether the C library accepted the setting.
     """
     if not sys.platform.startswith("linux") or VARIABLE in os.environ:
         return False
@@ -23,16 +23,16 @@ def share_one_arena() -> bool:
         mallopt = ctypes.CDLL("libc.so.6").mallopt
     except (OSError, AttributeError):  # another C library
         return False
-    os.environ[VARIABLE] = "1"  # which glibc reads when a process starts, before that has a thread
+    os.environ[VARIABLE] = "1"  # glibc reads it when a child process starts, before that has a thread
     return bool(mallopt(M_ARENA_MAX, 1))
 
 
-def keep_for_good() -> None:
-    """Leave all objects that there are out of every later garbage collection.
+def freeze_startup_objects() -> None:
+    """Exclude all current objects from later garbage collections.
 
-    A start makes several hundred thousand, which stay. Under load a full collection looked through them every few
-    seconds, and nobody was answered meanwhile.
+    Startup creates several hundred thousand objects that live as long as the process. Under load, a full collection
+    scanned them every few seconds and stopped all answers meanwhile.
     """
     gc.collect()
     gc.freeze()
-    gc.collect()  # which counts what is left: a quarter more of that, and the next full collection is due
+    gc.collect()  # resets the count of surviving objects: the next full collection comes when a quarter more survive

@@ -1,53 +1,43 @@
-"""Several worker processes: one service, one store, figures that add up."""
+"""Isolation of jobs in worker processes, with real crashes."""
 
-import json
+import multiprocessing
 import os
-import signal
 import time
 from pathlib import Path
 
-import httpx
+import pytest
 
-from tests.support.photos import disc, image_file
-from tests.support.processes import hof_serve
-
-OBJECTS = 6
+from model.data.workers import run_isolated, run_with_progress
+from tests.support.small.jobs import wait_unless_ready, work
 
 
-def _pids(folder: Path, text: str) -> set[int]:
-    """Of the log's lines that hold a text, the processes."""
-    whole = (folder / "log").read_text().rpartition("\n")[0].splitlines()
-    return {json.loads(line)["pid"] for line in whole if text in line}
+def test_run_isolated_crash_error_and_hang_fail_one_job_each() -> None:
+    outcomes = {outcome.job: outcome.failure for outcome in run_isolated(work, range(8), processes=2, timeout_s=8)}
+    assert len(outcomes) == 8
+    assert outcomes[1] == "the worker process crashed"
+    assert outcomes[2] == "ValueError: bad mesh"
+    assert outcomes[3] == "took longer than 8 s"
+    assert [job for job, failure in outcomes.items() if failure] == sorted((1, 2, 3), key=list(outcomes).index)
 
 
-def _counted(url: str, route: str) -> float:
-    """Requests of a route that any worker says were answered."""
-    lines = httpx.get(f"{url}/metrics", timeout=60).text.splitlines()
-    found = [line for line in lines if line.startswith("hof_http_requests_total{") and f'route="{route}"' in line]
-    return sum(float(line.rsplit(" ", 1)[1]) for line in found)
+def test_run_isolated_one_process_is_replaced_after_each_crash() -> None:
+    outcomes = [(outcome.job, outcome.failure) for outcome in run_isolated(work, (1, 0, 1, 4), processes=1)]
+    crash = "the worker process crashed"
+    assert outcomes == [(1, crash), (0, None), (1, crash), (4, None)]
 
 
-def test_workers_share_store_and_figures(model_path: Path, tmp_path: Path) -> None:
-    with hof_serve(tmp_path, model_path, "--workers", "2", HOF_LOG_FORMAT="json") as (url, _):
-        while len(_pids(tmp_path, "startup complete")) < 2:
-            time.sleep(0.05)
-        asked = 0
-        while len(_pids(tmp_path, '"route": "/model"')) < 2:  # a connection each: either may take it
-            assert httpx.get(f"{url}/model", timeout=60).status_code == 200
-            asked += 1
-        for _ in range(10):
-            assert _counted(url, "/model") == asked
-        photos = [image_file(disc(size=(120 + index, 90))) for index in range(OBJECTS)]
-        for photo in photos:
-            assert httpx.post(f"{url}/encode", content=photo, timeout=60).status_code == 201
-        for _ in range(10):
-            assert len(httpx.get(f"{url}/objects", timeout=60).json()["items"]) == OBJECTS
+def test_run_isolated_closed_early_leaves_no_process_behind(tmp_path: Path) -> None:
+    outcomes = run_isolated(wait_unless_ready, [tmp_path / "ready", tmp_path / "pid", tmp_path / "waits"], processes=2)
+    assert next(outcomes).failure is None
+    while not (tmp_path / "pid").exists() or not (tmp_path / "pid").read_text():
+        time.sleep(0.05)
+    outcomes.close()
+    with pytest.raises(ProcessLookupError):
+        os.kill(int((tmp_path / "pid").read_text()), 0)
+    assert not multiprocessing.active_children()
 
-        workers = _pids(tmp_path, "startup complete")
-        os.kill(workers.pop(), signal.SIGKILL)
-        while len(_pids(tmp_path, "startup complete")) < 3:
-            time.sleep(0.05)
-        assert _counted(url, "/model") == asked
-        in_flight = [line for line in httpx.get(f"{url}/metrics").text.splitlines() if "in_flight " in line]
-        assert in_flight[-1] == "hof_http_requests_in_flight 1.0"
-    assert not list(Path(os.environ.get("TMPDIR", "/tmp")).glob(f"hof-metrics-*/*_{workers.pop()}.db"))
+
+def test_run_with_progress_failures_are_returned_by_name_and_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    failures = run_with_progress(work, range(3), lambda job: f"job {job}", 2, "work", "job")
+    assert failures == {"job 1": "the worker process crashed", "job 2": "ValueError: bad mesh"}
+    assert "skipped job 2: ValueError: bad mesh" in capsys.readouterr().out

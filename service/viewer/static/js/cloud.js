@@ -1,4 +1,4 @@
-// The points of one object, on the graphics card, and its surface where that is asked for.
+// The points of one object on the graphics card, or its surface.
 import {
   BufferGeometry,
   DynamicDrawUsage,
@@ -10,32 +10,32 @@ import {
 
 import { bytesPerPoint } from "./api.js";
 
-/** Points that arrive in order: the first m of n are those of m, so that more of them are appended. */
+/** A growing cloud. The first m of n points are the points of m, so a larger cloud only appends. */
 export class Cloud {
-  /** `materials` of points and of surfaces: what shades them, and what paints those of objects in color. */
+  /** `materials`: {points, surface}, each {shaded, painted}; `painted` is for objects with color. */
   constructor(object, materials) {
     this.object = object;
-    this.size = bytesPerPoint(object); // of a point, bytes
+    this.size = bytesPerPoint(object); // bytes of a point
     this.materials = materials;
     this.scene = new Scene();
     this.points = new Points(new BufferGeometry(), materials?.points.shaded);
-    this.points.frustumCulled = false; // its bounds are those of the object frame
+    this.points.frustumCulled = false; // always in view: an object fills the object frame
     this.scene.add(this.points);
     this.clear();
   }
 
-  /** Forget all points. */
+  /** Remove all points. */
   clear() {
     this.bytes = new Uint8Array(0);
-    this.filled = 0; // of bytes
+    this.filled = 0; // bytes received
   }
 
-  /** How many points have arrived whole. */
+  /** Number of points that have arrived in full. */
   get count() {
     return Math.floor(this.filled / this.size);
   }
 
-  /** Make room for n points and drop a point that arrived in part. */
+  /** Make room for n points and drop a partly received one. */
   reserve(n) {
     this.filled = this.count * this.size;
     if (n * this.size <= this.bytes.length) return;
@@ -48,7 +48,7 @@ export class Cloud {
     if (this.object.color) this.buffers.push(this.#attribute("bgr", Uint8Array, 12));
   }
 
-  /** Append bytes of points. */
+  /** Append the bytes of points. */
   append(bytes) {
     const before = this.count;
     this.bytes.set(bytes, this.filled);
@@ -59,14 +59,14 @@ export class Cloud {
     }
   }
 
-  /** Show the object's colors, if it has any, or shades. */
+  /** Choose the material: painted if `inColor` and the object has color, else shaded. */
   paint(inColor) {
-    const way = inColor && this.object.color ? "painted" : "shaded";
-    this.points.material = this.materials.points[way];
-    if (this.surface) this.surface.material = this.materials.surface[way];
+    const kind = inColor && this.object.color ? "painted" : "shaded";
+    this.points.material = this.materials.points[kind];
+    if (this.surface) this.surface.material = this.materials.surface[kind];
   }
 
-  /** Three numbers of each point, from its byte `offset` on: a view of the bytes, so that nothing is copied. */
+  /** Add an attribute: three numbers of each point from its byte `offset` on, as a view that copies nothing. */
   #attribute(name, Numbers, offset) {
     const size = Numbers.BYTES_PER_ELEMENT;
     const buffer = new InterleavedBuffer(new Numbers(this.bytes.buffer), this.size / size).setUsage(DynamicDrawUsage);
@@ -75,12 +75,12 @@ export class Cloud {
     return buffer;
   }
 
-  /** Draw the first n points, or as many as there are. */
+  /** Draw the first n points, at most those that have arrived. */
   show(n) {
     this.points.geometry.setDrawRange(0, Math.min(n, this.count));
   }
 
-  /** Draw a surface (Mesh) in place of the points; none brings them back. */
+  /** Draw a surface (Mesh) instead of the points; without an argument, draw the points again. */
   setSurface(mesh) {
     if (this.surface) {
       this.scene.remove(this.surface);

@@ -1,8 +1,8 @@
-// The line of shell that does what the page just did, and a button that copies it.
+// Shell lines that repeat what the page just did, each with a button that copies it.
 
 import { curlAuthorization } from "./key.js";
 
-/** Show a line in a `.curl` element: what comes before and after the service's address. */
+/** Show a curl line in a `.curl` element: options `before`, then the address of `path`. */
 export function showCurl(element, before, path) {
   const address = `${location.origin}${path}`;
   const quoted = /[?&]/.test(address) ? `"${address}"` : address;
@@ -21,7 +21,7 @@ async function copy(code, button) {
     await navigator.clipboard.writeText(code.textContent);
     button.textContent = "Copied";
   } catch {
-    // Not allowed here, or no HTTPS: selected, one key copies it.
+    // No permission, or no HTTPS: select the line, so that one key copies it.
     getSelection().selectAllChildren(code);
     button.textContent = "Selected";
   }

@@ -1,4 +1,4 @@
-// The stored objects: each with its picture; one opens, and one dragged onto another composes the two.
+// The stored objects as cards. A click opens an object; dragging one onto another composes the two.
 import { fetchPoints, listObjects } from "./api.js";
 import { onColorsChange } from "./colors.js";
 import { attempt } from "./problem.js";
@@ -15,25 +15,25 @@ const more = document.getElementById("more");
 
 const cards = new Map(); // by id: {object, item, points}
 let cursor = null;
-let picked = null; // id of the object that waits for a second
+let picked = null; // id of the first object of a composition
 let actions = {};
 
-/** Begin: `actions.open(object)` and `actions.compose(first, second)` are called as the visitor asks. */
-export function startGallery(given) {
-  actions = given;
+/** Set up the gallery; `handlers` has `open(object)` and `compose(first, second)`. */
+export function startGallery(handlers) {
+  actions = handlers;
   more.addEventListener("click", () => attempt(() => load(cursor)));
   document.addEventListener("keydown", (event) => event.key === "Escape" && pick(null));
   onColorsChange(() => cards.forEach(draw));
   pick(null);
 }
 
-/** Show the newest objects from the start. Returns the newest, if there is any. */
+/** Show the first page of objects, newest first. Returns the newest object, or undefined. */
 export async function reloadGallery() {
   const items = await load(null);
   return items[0];
 }
 
-/** Mark the object that is shown, or the two that are composed: {id: label}. */
+/** Mark the shown or composed objects; `labels` maps an id to its letter, or to an empty string. */
 export function markCards(labels) {
   for (const [id, { item }] of cards) {
     item.classList.toggle("shown", id in labels);
@@ -76,7 +76,7 @@ function draw({ object, item, points }) {
   if (points) drawThumbnail(item.querySelector("canvas"), object, points);
 }
 
-/** Picture, letter and name; picture and name open the object. Firefox drags no button, so the picture is none. */
+/** Build picture, letter and name; picture and name open the object. The picture is a canvas: Firefox drags no button. */
 function face({ object }) {
   const canvas = document.createElement("canvas");
   canvas.width = canvas.height = SIDE;
@@ -101,7 +101,7 @@ function mixButton({ object }) {
   return button;
 }
 
-/** The first object that is chosen waits; the second is composed with it. */
+/** Choose an object: the first one waits, the second one is composed with it. */
 function choose(id) {
   if (picked === null) pick(id);
   else if (picked === id) pick(null);
@@ -119,7 +119,7 @@ function pick(id) {
   hint.textContent =
     id === null
       ? "Drag one object onto another to compose them, or press Compose on both."
-      : "Now press Compose on a second object. Escape leaves it.";
+      : "Now press Compose on a second object. Press Escape to cancel.";
 }
 
 function acceptDrags({ object, item }) {

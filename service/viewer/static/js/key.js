@@ -1,32 +1,32 @@
-// The API key, where the service needs one: asked for once, kept until the tab is closed.
+// The API key, if the service needs one: entered once, kept until the tab is closed.
 const STORED = "hof-key";
 const dialog = document.getElementById("key");
 
-let asking = null;
+let pending = null; // resolves when the open dialog closes
 
-/** Headers of a call; none where no key was needed yet. */
+/** Headers that carry the key; empty before a key was entered. */
 export function authorization() {
   const key = sessionStorage.getItem(STORED);
   return key ? { Authorization: `Bearer ${key}` } : {};
 }
 
-/** What a curl line needs beside its address: the key itself stays out of what is copied. */
+/** The curl option for the key, as a shell variable: the key itself is never copied. */
 export function curlAuthorization() {
   return sessionStorage.getItem(STORED) ? '-H "Authorization: Bearer $HOF_KEY"' : "";
 }
 
-/** Ask for a key, once however many calls wait for it. Returns whether one was given. */
+/** Ask for a key, with one dialog for all waiting calls. Returns whether a key was entered. */
 export function askForKey() {
-  asking ??= new Promise((done) => {
+  pending ??= new Promise((done) => {
     dialog.returnValue = "";
     dialog.addEventListener("close", () => done(keep()), { once: true });
     dialog.showModal();
   });
-  return asking;
+  return pending;
 }
 
 function keep() {
-  asking = null;
+  pending = null;
   const input = dialog.querySelector("input");
   const key = dialog.returnValue === "use" ? input.value.trim() : "";
   input.value = "";

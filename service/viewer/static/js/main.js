@@ -1,4 +1,4 @@
-// The page: a photo becomes an object, objects are shown, two of them are composed.
+// The page: encode a photo, show objects, compose two of them.
 import { allWords, compose } from "./api.js";
 import { showCurl } from "./curl.js";
 import { markCards, reloadGallery, startGallery } from "./gallery.js";
@@ -25,7 +25,7 @@ function composeTwo(first, second) {
     const objects = await compose(body);
     const letters = { [first.id]: "A", [second.id]: "B" };
     const labels = objects.map((object) => object.word.map((id) => letters[id]).join(""));
-    const about = `All words over A and B: ${labels[1]} is ${formula(labels[1])}, its last letter first.`;
+    const about = `All words over A and B: ${labels[1]} is ${formula(labels[1])}; the last letter is applied first.`;
     await reloadGallery();
     markCards(letters);
     showWords(objects, labels, about);
@@ -33,7 +33,7 @@ function composeTwo(first, second) {
   });
 }
 
-/** A word as what it computes: AB is A(B(x)). */
+/** The formula of a word: AB is A(B(x)). */
 function formula(word) {
   return `${[...word].join("(")}(x${")".repeat(word.length)}`;
 }

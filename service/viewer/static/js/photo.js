@@ -1,4 +1,4 @@
-// The photo: chosen, dropped or an example; sent to be encoded; shown with what was taken of it.
+// The photo: chosen, dropped or an example. It is encoded, then shown with the part that was used.
 import { encode, encodePath, listModels } from "./api.js";
 import { showCurl } from "./curl.js";
 import { attempt } from "./problem.js";
@@ -12,13 +12,13 @@ const picture = framing.querySelector("img");
 const line = section.querySelector(".curl");
 
 const MASKS = {
-  alpha: "Background told by transparency",
-  border: "Background told by its one color",
-  matting: "Background told by matting",
-  none: "Nothing told the background: the whole picture was taken",
+  alpha: "Background removed by transparency",
+  border: "Background removed by its single color",
+  matting: "Background removed by the matting model",
+  none: "Background not recognized: the whole picture was used",
 };
 
-/** Call back with the object of each photo that is encoded. */
+/** Call `listener` with the object of each encoded photo. */
 export function onEncoded(listener) {
   const send = (photo) => attempt(async () => listener(await encodePhoto(await photo)));
   file.addEventListener("change", () => {
@@ -31,7 +31,7 @@ export function onEncoded(listener) {
   acceptDrops(send);
 }
 
-/** Offer a choice where there is one; the default model has no name in the call. */
+/** Offer the models if there are several; calls leave out the default model's name. */
 export async function showModels() {
   const models = await listModels();
   const options = models.map(({ name, spec }, index) => new Option(`${name} (k = ${spec.k})`, index ? name : ""));
@@ -61,8 +61,8 @@ function showFraming({ mask, box, confidence, width, height }) {
   place.top = `${(100 * top) / height}%`;
   place.width = `${(100 * (right - left)) / width}%`;
   place.height = `${(100 * (bottom - top)) / height}%`;
-  const sure = confidence === undefined ? "" : `, ${Math.round(100 * confidence)}% sure`;
-  framing.querySelector("figcaption").textContent = `${MASKS[mask]}${sure}.`;
+  const certainty = confidence === undefined ? "" : `, ${Math.round(100 * confidence)}% sure`;
+  framing.querySelector("figcaption").textContent = `${MASKS[mask]}${certainty}.`;
   framing.hidden = false;
 }
 

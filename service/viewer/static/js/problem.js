@@ -1,9 +1,9 @@
-// What went wrong, told where everyone sees it.
+// The message at the top of the page that shows an error.
 import { Problem } from "./api.js";
 
 const box = document.getElementById("problem");
 
-/** Show an error until it is closed or something works; what was broken off on purpose is none. */
+/** Show an error until it is closed or the next action starts. Aborted calls are no errors. */
 export function showProblem(error) {
   if (error.name === "AbortError") return;
   if (!(error instanceof Problem)) console.error(error);
@@ -16,7 +16,7 @@ export function hideProblem() {
   box.hidden = true;
 }
 
-/** Run something that may fail, and tell where it does. */
+/** Run an action and show its error, if it fails. */
 export async function attempt(action) {
   hideProblem();
   try {

@@ -1,4 +1,4 @@
-// Draws clouds side by side, each in a cell of a grid, all seen from the same side; pointer and keys turn them.
+// Draws clouds in a grid, all from the same camera; pointer and keys turn them.
 import { Color, MathUtils, PerspectiveCamera, ShaderMaterial, Spherical, WebGLRenderer } from "three";
 import { OrbitControls } from "three/controls";
 
@@ -8,10 +8,10 @@ import { surfaceMaterials } from "./surface.js";
 const DISTANCE = 3.1; // of the camera; the longest side of an object is 1
 const FIELD_OF_VIEW = 26; // degrees
 const START = { azimuth: 30, elevation: 20 }; // degrees; azimuth 0 looks at the front
-const STEP = 10; // degrees a key turns
-const ZOOM = 1.15; // a key's
-const DIMMEST = 0.7; // of their color's light: the farthest points
-const POINT_SIZE = { least: 1.4, most: 4, share: 0.42 }; // CSS pixels; share of a cell's side over sqrt(n)
+const STEP = 10; // degrees per key press
+const ZOOM = 1.15; // factor per key press
+const DIMMEST = 0.7; // brightness of the farthest points, as a share of their color
+const POINT_SIZE = { least: 1.4, most: 4, share: 0.42 }; // CSS pixels; share of a cell's side divided by sqrt(n)
 
 const VERTEX = `
   uniform float size;
@@ -25,9 +25,9 @@ const VERTEX = `
     #ifdef PAINTED
       paint = bgr.bgr;
     #endif
-    vec4 seen = modelViewMatrix * vec4(position, 1.0);
-    depth = clamp(-seen.z - distance + 0.5, 0.0, 1.0);
-    gl_Position = projectionMatrix * seen;
+    vec4 viewed = modelViewMatrix * vec4(position, 1.0);
+    depth = clamp(-viewed.z - distance + 0.5, 0.0, 1.0);
+    gl_Position = projectionMatrix * viewed;
     gl_PointSize = size;
   }`;
 const FRAGMENT = `
@@ -47,11 +47,11 @@ const FRAGMENT = `
   }`;
 
 export class Stage {
-  /** Raises where the browser has no WebGL. */
+  /** Throws if the browser has no WebGL. */
   constructor(canvas) {
     this.canvas = canvas;
     this.clouds = [];
-    this.shown = 0; // points of each cloud that are asked for
+    this.shown = 0; // points to draw of each cloud
     this.renderer = new WebGLRenderer({ canvas, alpha: true, antialias: true });
     this.renderer.setClearColor(0x000000, 0);
     this.inColor = true;
@@ -90,26 +90,26 @@ export class Stage {
     this.redraw();
   }
 
-  /** Show objects in their colors, or all in shades. */
+  /** Show objects in color, or all shaded. */
   paint(inColor) {
     this.inColor = inColor;
     this.redraw();
   }
 
-  /** Columns and rows of the grid: near to square. */
+  /** Columns and rows of the grid, as square as possible. */
   get grid() {
     const columns = Math.max(1, Math.ceil(Math.sqrt(this.clouds.length)));
     return { columns, rows: Math.max(1, Math.ceil(this.clouds.length / columns)) };
   }
 
-  /** Look from where it began. */
+  /** Return the camera to its start. */
   reset() {
     this.#look(
       new Spherical(DISTANCE, MathUtils.degToRad(90 - START.elevation), MathUtils.degToRad(START.azimuth)),
     );
   }
 
-  /** Draw at the next frame. */
+  /** Draw in the next frame. */
   redraw() {
     this.frame ??= requestAnimationFrame(() => {
       this.frame = undefined;

@@ -1,4 +1,4 @@
-// An object's surface, on the graphics card.
+// The surface of an object on the graphics card.
 import { BufferAttribute, BufferGeometry, DoubleSide, Mesh, ShaderMaterial } from "three";
 
 import { fetchBytes, filePath } from "./api.js";
@@ -6,7 +6,7 @@ import { fetchBytes, filePath } from "./api.js";
 const VERTEX = `
   uniform float distance;
   varying float depth; // 0 nearest, 1 farthest
-  varying vec3 towards; // the normal, seen from the camera
+  varying vec3 towards; // the normal, in camera space
   #ifdef PAINTED
     attribute vec3 paint; // linear
     varying vec3 painted;
@@ -15,10 +15,10 @@ const VERTEX = `
     #ifdef PAINTED
       painted = paint;
     #endif
-    vec4 seen = modelViewMatrix * vec4(position, 1.0);
-    depth = clamp(-seen.z - distance + 0.5, 0.0, 1.0);
+    vec4 viewed = modelViewMatrix * vec4(position, 1.0);
+    depth = clamp(-viewed.z - distance + 0.5, 0.0, 1.0);
     towards = normalMatrix * normal;
-    gl_Position = projectionMatrix * seen;
+    gl_Position = projectionMatrix * viewed;
   }`;
 const FRAGMENT = `
   uniform vec3 near;
@@ -29,7 +29,7 @@ const FRAGMENT = `
     varying vec3 painted;
   #endif
   void main() {
-    float light = 0.25 + 0.75 * abs(normalize(towards).z); // a lamp at the camera; layers have two sides
+    float light = 0.25 + 0.75 * abs(normalize(towards).z); // lamp at the camera; both sides are lit
     #ifdef PAINTED
       gl_FragColor = linearToOutputTexel(vec4(light * painted, 1.0));
     #else
@@ -37,14 +37,14 @@ const FRAGMENT = `
     #endif
   }`;
 
-/** What surfaces are shaded with, and what paints those in color; they share the uniforms of the points. */
+/** Materials of surfaces, {shaded, painted}; they share the uniforms of the points. */
 export function surfaceMaterials(uniforms) {
   const material = (defines) =>
     new ShaderMaterial({ vertexShader: VERTEX, fragmentShader: FRAGMENT, uniforms, defines, side: DoubleSide });
   return { shaded: material({}), painted: material({ PAINTED: "" }) };
 }
 
-/** Fetch the surface of an object, with its colors if it has any, as a Mesh; its material is the cloud's to choose. */
+/** Fetch the surface of an object, colored if the object is, as a Mesh; the cloud chooses its material. */
 export async function fetchSurface(object, signal) {
   const bytes = await fetchBytes(filePath(object, "mesh", { format: "glb" }), signal);
   const { positions, normals, colors, indices } = readGlb(bytes);
@@ -54,11 +54,11 @@ export async function fetchSurface(object, signal) {
   if (colors) geometry.setAttribute("paint", new BufferAttribute(colors, 3));
   geometry.setIndex(new BufferAttribute(indices, 1));
   const mesh = new Mesh(geometry);
-  mesh.frustumCulled = false; // its bounds are those of the object frame
+  mesh.frustumCulled = false; // always in view: an object fills the object frame
   return mesh;
 }
 
-/** The arrays of a GLB as the service writes it: one primitive, one buffer, nothing interleaved. */
+/** Read the arrays of a GLB of the service: one primitive, one buffer, nothing interleaved. */
 function readGlb(bytes) {
   const jsonBytes = new DataView(bytes).getUint32(12, true);
   const document = JSON.parse(new TextDecoder().decode(new Uint8Array(bytes, 20, jsonBytes)));

@@ -1,4 +1,4 @@
-// The objects on the stage: how many points of which seed, how many have arrived, or the surface; and their download.
+// The shown objects: number and seed of points, or the surface; progress; downloads.
 import { fetchFile, filePath, streamPoints } from "./api.js";
 import { Cloud } from "./cloud.js";
 import { showCurl } from "./curl.js";
@@ -12,9 +12,9 @@ const [slider, seed, color, surface, form, format, words] = ids.map(element);
 const progress = document.querySelector("#view progress");
 const line = document.querySelector("#view .curl");
 
-const MOST = Number(`1e${slider.max}`); // points on the stage, of all clouds together
+const MAX_POINTS = Number(`1e${slider.max}`); // on the stage, all clouds together
 
-let stage; // none where the browser has no WebGL
+let stage; // undefined if the browser has no WebGL
 let clouds = [];
 let filling = new AbortController();
 
@@ -25,12 +25,12 @@ export function showObject(object) {
   show([object]);
 }
 
-/** Bring the stage before who asked for it from below, and let the keys turn it. */
+/** Scroll to the stage and let the keys turn it. */
 export function focusStage() {
   document.querySelector("#stage canvas").focus();
 }
 
-/** Show words side by side, each labelled; a label opens its word alone. */
+/** Show words side by side, each with a label; a click on the label opens that word alone. */
 export function showWords(objects, labels, about) {
   element("about").textContent = about;
   words.replaceChildren(...objects.map((object, index) => label(object, labels[index])));
@@ -64,13 +64,13 @@ function show(objects) {
   fill();
 }
 
-/** Points of each cloud: the slider's, to two digits. */
-function wanted() {
+/** Points of each cloud: the slider's value, rounded to two digits. */
+function pointsPerCloud() {
   const n = Number((10 ** Number(slider.value)).toPrecision(2));
-  return Math.min(n, Math.floor(MOST / Math.max(1, clouds.length)));
+  return Math.min(n, Math.floor(MAX_POINTS / Math.max(1, clouds.length)));
 }
 
-/** Fetch what is asked for and not there yet. */
+/** Fetch the points or surfaces that are missing. */
 function fill() {
   filling.abort();
   filling = new AbortController();
@@ -83,8 +83,8 @@ function fill() {
 
 async function fillPoints(cloud, signal) {
   cloud.setSurface();
-  cloud.reserve(wanted());
-  const query = { n: wanted() - cloud.count, seed: seed.value, offset: cloud.count };
+  cloud.reserve(pointsPerCloud());
+  const query = { n: pointsPerCloud() - cloud.count, seed: seed.value, offset: cloud.count };
   if (query.n <= 0) return;
   await streamPoints(cloud.object, query, signal, (bytes) => {
     cloud.append(bytes);
@@ -102,10 +102,10 @@ async function fillSurface(cloud, signal) {
 }
 
 function showNumbers() {
-  const n = wanted().toLocaleString("en");
+  const n = pointsPerCloud().toLocaleString("en");
   element("n-shown").textContent = n;
   slider.setAttribute("aria-valuetext", `${n} points`);
-  stage?.show(wanted());
+  stage?.show(pointsPerCloud());
   showArrived();
   if (!form.hidden) showDownload();
 }
@@ -115,7 +115,7 @@ function showArrived() {
     showTriangles();
     return;
   }
-  const n = wanted();
+  const n = pointsPerCloud();
   const arrived = Math.min(n, ...clouds.map((cloud) => cloud.count));
   progress.value = clouds.length ? arrived / n : 0;
   progress.classList.toggle("done", arrived === n || !clouds.length);
@@ -132,22 +132,22 @@ function showTriangles() {
   element("count").textContent = shown.length ? `${triangles.toLocaleString("en")} triangles` : "";
 }
 
-/** The file that is chosen: its path in the API, and its suffix. */
-function chosen() {
+/** The chosen file: its path in the API, and its suffix. */
+function chosenFile() {
   const [{ object }] = clouds;
   const name = format.value;
   const { of } = format.selectedOptions[0].parentElement.dataset;
-  const query = of === "points" ? { n: wanted(), seed: seed.value, format: name } : { format: name };
+  const query = of === "points" ? { n: pointsPerCloud(), seed: seed.value, format: name } : { format: name };
   if (of !== "weights" && object.color && !color.checked) query.color = "none";
   return { path: filePath(object, of, query), suffix: name };
 }
 
 function showDownload() {
-  const { path, suffix } = chosen();
+  const { path, suffix } = chosenFile();
   showCurl(line, `-o object.${suffix}`, path);
 }
 
-/** Show surfaces or points, and offer the files of what is shown. */
+/** Switch between surface and points, on the stage and in the list of formats. */
 function switchSurface() {
   slider.disabled = seed.disabled = surface.checked;
   const group = format.querySelector(`[data-of="${surface.checked ? "mesh" : "points"}"]`);
@@ -156,7 +156,7 @@ function switchSurface() {
 }
 
 async function save() {
-  const { blob, name } = await fetchFile(chosen().path);
+  const { blob, name } = await fetchFile(chosenFile().path);
   const link = document.createElement("a");
   link.href = URL.createObjectURL(blob);
   link.download = name;
@@ -168,7 +168,7 @@ function start() {
   try {
     stage = new Stage(document.querySelector("#stage canvas"));
   } catch {
-    element("empty").textContent = "This browser shows no WebGL, so no points here; downloads work.";
+    element("empty").textContent = "This browser has no WebGL and cannot draw points. Downloads still work.";
   }
   slider.addEventListener("input", showNumbers);
   slider.addEventListener("change", fill);
