@@ -9,7 +9,7 @@ import httpx
 import uvicorn
 
 from service.api.app import create_app
-from service.server.http_protocol import bounded_heads
+from service.server.http_protocol import http_protocol
 from service.settings import Settings
 
 
@@ -25,7 +25,7 @@ class Server(uvicorn.Server):
 @contextlib.contextmanager
 def running(settings: Settings) -> Iterator[Server]:
     """Run the service in a thread, over a real socket, until the block ends."""
-    http = bounded_heads(settings.client_timeout_s)
+    http = http_protocol(settings.client_timeout_s)
     config = uvicorn.Config(create_app(settings), port=0, http=http, log_level="warning", lifespan="on", ws="none")
     server = Server(config)
     thread = threading.Thread(target=server.run)

@@ -14,7 +14,7 @@ from service.formats.mesh.registry import MESH_FORMATS
 from service.formats.points.registry import POINT_FORMATS
 from service.formats.weights import Weights, dump, load
 from service.mapping.spec import MappingSpec, initial_theta
-from service.server import serve as server
+from service.server.process import Server
 from service.settings import Settings
 from tests.support.photos import disc, image_file
 from tests.support.small import model as tiny_model
@@ -260,12 +260,12 @@ def test_every_setting_is_a_flag_of_serve(
     seen: list[Settings] = []
     monkeypatch.setattr("service.api.app.create_app", seen.append)
 
-    def run(stopped: server.Server) -> None:
+    def run(stopped: Server) -> None:
         assert isinstance(stopped.config.app, partial)
         stopped.config.app()
         stopped.started = True
 
-    monkeypatch.setattr(server.Server, "run", run)
+    monkeypatch.setattr(Server, "run", run)
     given = [(name, one) for name, value in values.items() for one in (value if isinstance(value, tuple) else [value])]
     flags = [part for name, value in given for part in (f"--{name.replace('_', '-')}", str(value))]
     assert main(["serve", *flags]) == 0

@@ -1,43 +1,82 @@
-"""Isolation of jobs in worker processes, with real crashes."""
+"""Several worker processes: one service, one store, metrics that add up, and signals to their supervisor."""
 
-import multiprocessing
+import json
 import os
-import time
+import signal
 from pathlib import Path
 
-import pytest
+import httpx
 
-from model.data.workers import run_isolated, run_with_progress
-from tests.support.small.jobs import wait_unless_ready, work
+from tests.support.photos import disc, image_file
+from tests.support.processes import hof_serve
+from tests.support.slow import until
 
-
-def test_run_isolated_crash_error_and_hang_fail_one_job_each() -> None:
-    outcomes = {outcome.job: outcome.failure for outcome in run_isolated(work, range(8), processes=2, timeout_s=8)}
-    assert len(outcomes) == 8
-    assert outcomes[1] == "the worker process crashed"
-    assert outcomes[2] == "ValueError: bad mesh"
-    assert outcomes[3] == "took longer than 8 s"
-    assert [job for job, failure in outcomes.items() if failure] == sorted((1, 2, 3), key=list(outcomes).index)
+OBJECTS = 6
+STARTED, ENDED = "startup complete", "Finished server process"
 
 
-def test_run_isolated_one_process_is_replaced_after_each_crash() -> None:
-    outcomes = [(outcome.job, outcome.failure) for outcome in run_isolated(work, (1, 0, 1, 4), processes=1)]
-    crash = "the worker process crashed"
-    assert outcomes == [(1, crash), (0, None), (1, crash), (4, None)]
+def _pids(folder: Path, text: str) -> set[int]:
+    """The processes that logged a text."""
+    whole_lines = (folder / "log").read_text().rpartition("\n")[0].splitlines()
+    return {json.loads(line)["pid"] for line in whole_lines if text in line}
 
 
-def test_run_isolated_closed_early_leaves_no_process_behind(tmp_path: Path) -> None:
-    outcomes = run_isolated(wait_unless_ready, [tmp_path / "ready", tmp_path / "pid", tmp_path / "waits"], processes=2)
-    assert next(outcomes).failure is None
-    while not (tmp_path / "pid").exists() or not (tmp_path / "pid").read_text():
-        time.sleep(0.05)
-    outcomes.close()
-    with pytest.raises(ProcessLookupError):
-        os.kill(int((tmp_path / "pid").read_text()), 0)
-    assert not multiprocessing.active_children()
+def _counted(url: str, route: str) -> float:
+    """Answered requests of a route, by /metrics."""
+    lines = httpx.get(f"{url}/metrics", timeout=60).text.splitlines()
+    counters = [line for line in lines if line.startswith("hof_http_requests_total{") and f'route="{route}"' in line]
+    return sum(float(line.rsplit(" ", 1)[1]) for line in counters)
 
 
-def test_run_with_progress_failures_are_returned_by_name_and_printed(capsys: pytest.CaptureFixture[str]) -> None:
-    failures = run_with_progress(work, range(3), lambda job: f"job {job}", 2, "work", "job")
-    assert failures == {"job 1": "the worker process crashed", "job 2": "ValueError: bad mesh"}
-    assert "skipped job 2: ValueError: bad mesh" in capsys.readouterr().out
+def test_workers_of_one_service_share_store_and_metrics(model_path: Path, tmp_path: Path) -> None:
+    with hof_serve(tmp_path, model_path, "--workers", "2", HOF_LOG_FORMAT="json") as (url, _):
+        until(lambda: len(_pids(tmp_path, STARTED)) == 2)
+        requests = 0
+        while len(_pids(tmp_path, '"route": "/model"')) < 2:  # a connection each: either may take it
+            assert httpx.get(f"{url}/model", timeout=60).status_code == 200
+            requests += 1
+        for _ in range(10):
+            assert _counted(url, "/model") == requests
+        photos = [image_file(disc(size=(120 + index, 90))) for index in range(OBJECTS)]
+        for photo in photos:
+            assert httpx.post(f"{url}/encode", content=photo, timeout=60).status_code == 201
+        for _ in range(10):
+            assert len(httpx.get(f"{url}/objects", timeout=60).json()["items"]) == OBJECTS
+
+        workers = _pids(tmp_path, STARTED)
+        os.kill(workers.pop(), signal.SIGKILL)
+        until(lambda: len(_pids(tmp_path, STARTED)) == 3)
+        assert _counted(url, "/model") == requests
+        in_flight = [line for line in httpx.get(f"{url}/metrics").text.splitlines() if "in_flight " in line]
+        assert in_flight[-1] == "hof_http_requests_in_flight 1.0"
+    assert not list(Path(os.environ.get("TMPDIR", "/tmp")).glob(f"hof-metrics-*/*_{workers.pop()}.db"))
+
+
+def test_supervisor_on_signals_adds_replaces_and_removes_workers(model_path: Path, tmp_path: Path) -> None:
+    with hof_serve(tmp_path, model_path, "--workers", "2", HOF_LOG_FORMAT="json", HOF_DRAIN_S="0") as (url, process):
+        until(lambda: len(_pids(tmp_path, STARTED)) == 2)
+        first = _pids(tmp_path, STARTED)
+        process.send_signal(signal.SIGHUP)
+        until(lambda: _pids(tmp_path, ENDED) == first)
+        second = _pids(tmp_path, STARTED) - first
+        assert len(second) == 2
+        process.send_signal(signal.SIGTTIN)
+        until(lambda: len(_pids(tmp_path, STARTED)) == 5)
+        process.send_signal(signal.SIGTTOU)
+        until(lambda: len(_pids(tmp_path, ENDED)) == 3)
+        (last,) = _pids(tmp_path, STARTED) - first - second
+        assert _pids(tmp_path, ENDED) == first | {last}
+        assert httpx.get(f"{url}/health/ready", timeout=60).status_code == 200
+        process.terminate()
+        assert process.wait(60) == 0
+    assert _pids(tmp_path, ENDED) == first | second | {last}
+
+
+def test_supervisor_of_workers_that_cannot_start_ends_the_service(model_path: Path, tmp_path: Path) -> None:
+    with hof_serve(tmp_path, model_path, "--workers", "2", HOF_LOG_FORMAT="json") as (_, process):
+        until(lambda: len(_pids(tmp_path, STARTED)) == 2)
+        workers = _pids(tmp_path, STARTED)
+        (tmp_path / "hof.db").write_bytes(b"no database" * 1000)
+        os.kill(workers.pop(), signal.SIGKILL)
+        process.wait(60)
+    assert "cannot start; the service stops" in (tmp_path / "log").read_text()

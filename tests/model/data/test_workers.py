@@ -1,0 +1,43 @@
+"""Isolation of jobs in worker processes, with real crashes."""
+
+import multiprocessing
+import os
+import time
+from pathlib import Path
+
+import pytest
+
+from model.data.workers import run_isolated, run_with_progress
+from tests.support.small.jobs import wait_unless_ready, work
+
+
+def test_run_isolated_crash_error_and_hang_fail_one_job_each() -> None:
+    outcomes = {outcome.job: outcome.failure for outcome in run_isolated(work, range(8), processes=2, timeout_s=8)}
+    assert len(outcomes) == 8
+    assert outcomes[1] == "the worker process crashed"
+    assert outcomes[2] == "ValueError: bad mesh"
+    assert outcomes[3] == "took longer than 8 s"
+    assert [job for job, failure in outcomes.items() if failure] == sorted((1, 2, 3), key=list(outcomes).index)
+
+
+def test_run_isolated_one_process_is_replaced_after_each_crash() -> None:
+    outcomes = [(outcome.job, outcome.failure) for outcome in run_isolated(work, (1, 0, 1, 4), processes=1)]
+    crash = "the worker process crashed"
+    assert outcomes == [(1, crash), (0, None), (1, crash), (4, None)]
+
+
+def test_run_isolated_closed_early_leaves_no_process_behind(tmp_path: Path) -> None:
+    outcomes = run_isolated(wait_unless_ready, [tmp_path / "ready", tmp_path / "pid", tmp_path / "waits"], processes=2)
+    assert next(outcomes).failure is None
+    while not (tmp_path / "pid").exists() or not (tmp_path / "pid").read_text():
+        time.sleep(0.05)
+    outcomes.close()
+    with pytest.raises(ProcessLookupError):
+        os.kill(int((tmp_path / "pid").read_text()), 0)
+    assert not multiprocessing.active_children()
+
+
+def test_run_with_progress_failures_are_returned_by_name_and_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    failures = run_with_progress(work, range(3), lambda job: f"job {job}", 2, "work", "job")
+    assert failures == {"job 1": "the worker process crashed", "job 2": "ValueError: bad mesh"}
+    assert "skipped job 2: ValueError: bad mesh" in capsys.readouterr().out
