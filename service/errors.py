@@ -1,36 +1,36 @@
-"""What can go wrong, as classes; `service.api.app` turns each into its HTTP status.
+"""The errors of this project; `service.api.app` answers each with its HTTP status.
 
     HofError                    500
-    ├── InvalidInput            400  bytes that are not what they claim to be
+    ├── InvalidInput            400  bytes that are not of the claimed type
     │   ├── CorruptImage
     │   └── CorruptWeights
-    ├── Unauthenticated         401  no API key, or one that is not known
+    ├── Unauthenticated         401  no API key, or an unknown one
     ├── Forbidden               403  a key without the scope that the call needs
-    ├── NotFound                404  no object of that id
+    ├── NotFound                404  no object with this id
     ├── Stalled                 408  a client that stopped sending
-    ├── InUse                   409  an object that a composed object's word names
+    ├── InUse                   409  an object that a composed object uses
     ├── NotAcceptable           406  no format satisfies the Accept header
     ├── TooLarge                413  more bytes or pixels than the limit
-    ├── UnsupportedMedia        415  a body that is no PNG, JPEG or WebP
-    ├── InvalidParameter        422  a parameter out of range, or of the wrong kind
-    │   ├── NoObjectFound            nothing to encode in the image
+    ├── UnsupportedMedia        415  a body that is not PNG, JPEG or WebP
+    ├── InvalidParameter        422  a parameter unknown, of the wrong type or out of range
+    │   ├── NoObjectFound            no object to encode in the image
     │   └── InvalidSpec              a mapping spec that describes no function
-    ├── HeadTooLarge            431  a request's target and fields, in bytes
-    ├── TryLater                     what may succeed later, and when
-    │   ├── Overloaded          429  as much work as is let in is already there
+    ├── HeadTooLarge            431  a request's target and header fields, in bytes
+    ├── TryLater                     a call that may succeed later, and when
+    │   ├── Overloaded          429  the queue or a limit in flight is full
     │   ├── RateLimited         429  more requests than the rate limit
     │   └── NotReady            503  the encoder is still loading
-    ├── StoreFull               507  the database has no space for what is written
+    ├── StoreFull               507  the database has no space left
     ├── InvalidModel            500  the model file is unusable: refused at start
     ├── InvalidKeys             500  the file of API keys is unusable: refused at start
     └── UnusableStore           500  the database cannot be opened: refused at start
 
-This module imports nothing of ours, so that every layer may raise from it.
+This module imports no other module of the project, so that every layer may raise these errors.
 """
 
 
 class HofError(Exception):
-    """Base of all our errors: `status` is HTTP's, `title` names the class of problem."""
+    """Base class. `status` is the HTTP status; `title` names the kind of problem; `field` names the parameter."""
 
     status = 500
     title = "Internal error"
@@ -42,26 +42,26 @@ class HofError(Exception):
 
 
 class InvalidInput(HofError):
-    """Bytes that are not what they claim to be."""
+    """Bytes that are not of the claimed type."""
 
     status = 400
     title = "Invalid input"
 
 
 class CorruptImage(InvalidInput):
-    """An image whose type is known but whose bytes cannot be decoded."""
+    """An image of a known type whose bytes cannot be decoded."""
 
     title = "Corrupt image"
 
 
 class CorruptWeights(InvalidInput):
-    """A weights file that cannot be read, or whose numbers do not fit its spec."""
+    """A weights file that cannot be read, or whose numbers do not match its spec."""
 
     title = "Corrupt weights"
 
 
 class Unauthenticated(HofError):
-    """No API key, or one that is not known."""
+    """No API key, or an unknown one."""
 
     status = 401
     title = "Unauthenticated"
@@ -75,28 +75,28 @@ class Forbidden(HofError):
 
 
 class NotFound(HofError):
-    """No object of that id."""
+    """No object with this id."""
 
     status = 404
     title = "Not found"
 
 
 class Stalled(HofError):
-    """A body whose next bytes do not come."""
+    """A request whose next bytes do not arrive in time."""
 
     status = 408
     title = "Stalled"
 
 
 class InUse(HofError):
-    """An object that cannot be removed while the word of a composed object names it."""
+    """An object that cannot be deleted while a composed object uses it."""
 
     status = 409
     title = "In use"
 
 
 class NotAcceptable(HofError):
-    """No format that we write satisfies the request's Accept header."""
+    """No format of the service satisfies the request's Accept header."""
 
     status = 406
     title = "Not acceptable"
@@ -110,21 +110,21 @@ class TooLarge(HofError):
 
 
 class UnsupportedMedia(HofError):
-    """A body that is none of the image types that we read."""
+    """A body that is not one of the supported image types."""
 
     status = 415
     title = "Unsupported media type"
 
 
 class InvalidParameter(HofError):
-    """A parameter that is unknown, of the wrong kind or out of range; `field` names it."""
+    """A parameter that is unknown, of the wrong type or out of range; `field` names it."""
 
     status = 422
     title = "Invalid parameter"
 
 
 class NoObjectFound(InvalidParameter):
-    """The image shows nothing that could be encoded."""
+    """An image without an object to encode."""
 
     title = "No object found"
 
@@ -136,14 +136,14 @@ class InvalidSpec(InvalidParameter):
 
 
 class HeadTooLarge(HofError):
-    """A request's head, its target and fields, of more bytes than the limit."""
+    """A request whose target and header fields have more bytes than the limit."""
 
     status = 431
     title = "Head too large"
 
 
 class TryLater(HofError):
-    """A call that may succeed when it comes again, after `retry_after_s` seconds."""
+    """A call that may succeed if it is repeated after `retry_after_s` seconds."""
 
     def __init__(self, detail: str, *, field: str | None = None, retry_after_s: int = 1) -> None:
         super().__init__(detail, field=field)
@@ -151,7 +151,7 @@ class TryLater(HofError):
 
 
 class Overloaded(TryLater):
-    """More work than is let in."""
+    """More work than the service accepts at a time."""
 
     status = 429
     title = "Overloaded"
@@ -172,20 +172,20 @@ class NotReady(TryLater):
 
 
 class StoreFull(HofError):
-    """The database has no space left for what a call writes; nothing of it is kept."""
+    """The database has no space left; nothing of the call is kept."""
 
     status = 507
     title = "Insufficient storage"
 
 
 class InvalidModel(HofError):
-    """A model file that the service refuses to start with."""
+    """A model file that the service cannot start with."""
 
     title = "Invalid model"
 
 
 class InvalidKeys(HofError):
-    """A file of API keys that the service refuses to start with, or a key that cannot be made."""
+    """A file of API keys that the service cannot start with, or a key that cannot be created."""
 
     title = "Invalid keys"
 

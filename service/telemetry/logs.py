@@ -1,4 +1,4 @@
-"""The log: a line an event on stderr, as JSON or as text, each with the id of the request that it belongs to."""
+"""The log: one line per event on stderr, as JSON or text, with the id of its request."""
 
 import json
 import logging
@@ -10,12 +10,12 @@ from opentelemetry import trace
 
 from service.settings import LogFormat
 
-# Set once a request, and never reset: what the server logs about it after its end has the id, too.
+# Set once per request and never reset, so that what the server logs after the request's end has the id too.
 REQUEST_ID: Final[ContextVar[str | None]] = ContextVar("hof_request_id", default=None)
 
 
 def configuration(log_format: LogFormat, level: str) -> dict[str, Any]:
-    """For logging.config.dictConfig: everything of this process goes to stderr in one format."""
+    """Return a configuration for logging.config.dictConfig: this process logs to stderr in one format."""
     formatters = {"json": "service.telemetry.logs.JsonLines", "text": "service.telemetry.logs.TextLines"}
     return {
         "version": 1,
@@ -28,10 +28,10 @@ def configuration(log_format: LogFormat, level: str) -> dict[str, Any]:
 
 
 class JsonLines(logging.Formatter):
-    """A JSON object a line; `fields` of a record (logging's `extra`) become its members."""
+    """One JSON object per line; `fields` of a record (logging's `extra`) become its members."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """time (RFC 3339, UTC), level, message, pid, request_id, trace_id, the fields, and of an error its trace."""
+        """Return time (RFC 3339, UTC), level, message, pid, request_id, trace_id, fields and an error's stack trace."""
         line: dict[str, Any] = {
             "time": _time(record),
             "level": record.levelname.lower(),
@@ -45,10 +45,10 @@ class JsonLines(logging.Formatter):
 
 
 class TextLines(logging.Formatter):
-    """Time, level and message, and the request's id where there is one; of an error its trace below it."""
+    """Time, level, message and correlation ids; an error's stack trace on the lines below."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """The lines of a record."""
+        """Return the lines of a record."""
         line = f"{_time(record)} {record.levelname.lower()} {record.getMessage()}"
         line += "".join(f" {name}={value}" for name, value in _correlation().items())
         return f"{line}\n{self.formatException(record.exc_info)}" if record.exc_info else line
@@ -59,7 +59,7 @@ def _time(record: logging.LogRecord) -> str:
 
 
 def _correlation() -> dict[str, str]:
-    """By what a line is found again: its request's id, and where requests are traced the trace's."""
+    """Return the correlation ids (request, trace) of a log line."""
     request_id, span = REQUEST_ID.get(), trace.get_current_span().get_span_context()
-    told = {} if request_id is None else {"request_id": request_id}
-    return told | ({"trace_id": f"{span.trace_id:032x}"} if span.is_valid else {})
+    ids = {} if request_id is None else {"request_id": request_id}
+    return ids | ({"trace_id": f"{span.trace_id:032x}"} if span.is_valid else {})

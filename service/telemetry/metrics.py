@@ -1,7 +1,7 @@
-"""What the service counts about itself, for Prometheus: its series number as many as there are routes, not as ids.
+"""Metrics for Prometheus. Labels hold route templates, never ids, so that the number of series stays small.
 
-Each application has a registry of its own. Where several worker processes serve, prometheus_client keeps the numbers
-in the files of the folder `PROMETHEUS_MULTIPROC_DIR`, and whichever worker is asked adds up all of them.
+Each application has its own registry. With several worker processes, prometheus_client keeps the values in files of
+the folder `PROMETHEUS_MULTIPROC_DIR`, and the worker that answers /metrics adds up those of all workers.
 """
 
 import os
@@ -28,7 +28,7 @@ SECONDS: Final = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1, 2.
 
 
 class Metrics:
-    """The counters and histograms of one process; `requests` and `latency` have the route's template, never a path."""
+    """The counters and histograms of one process; `requests` and `latency` are labeled by route template."""
 
     def __init__(self) -> None:
         self._shared = FOLDER in os.environ
@@ -36,13 +36,13 @@ class Metrics:
         own = self._registry
         self.requests: Final = Counter(
             "hof_http_requests",
-            "Requests that were answered; 499: the client left before the end",
+            "Answered requests; status 499: the client left before the end",
             ["method", "route", "status"],
             registry=own,
         )
         self.latency: Final = Histogram(
             "hof_http_request_seconds",
-            "From a request's headers to the last byte of its answer",
+            "Seconds from a request's headers to the last byte of its answer",
             ["method", "route"],
             buckets=SECONDS,
             registry=own,
@@ -51,21 +51,21 @@ class Metrics:
             "hof_http_requests_in_flight", "Requests being answered", multiprocess_mode="livesum", registry=own
         )
         self.queue: Final = Histogram(
-            "hof_queue_seconds", "How long a computation waited for a worker thread", buckets=SECONDS, registry=own
+            "hof_queue_seconds", "Seconds that a computation waited for a worker thread", buckets=SECONDS, registry=own
         )
         self.compute: Final = Histogram(
-            "hof_compute_seconds", "How long a computation took on its worker thread", buckets=SECONDS, registry=own
+            "hof_compute_seconds", "Seconds that a computation took on its worker thread", buckets=SECONDS, registry=own
         )
         self._unserved = Counter(
             "hof_http_unserved",
-            "Requests that were not served: shed under load, limited by rate, cancelled by the client, failed by a "
-            "fault of the service",
+            "Requests that were not served: shed under load, limited by rate, cancelled by the client, failed by an "
+            "error of the service",
             ["reason"],
             registry=own,
         )
         reasons: tuple[Reason, ...] = ("shed", "limited", "cancelled", "failed")
         for reason in reasons:
-            self._unserved.labels(reason)  # so that each is there, as 0, from the start
+            self._unserved.labels(reason)  # exported as 0 from the start
         build = Gauge("hof_build_info", "1", ["version", "python"], multiprocess_mode="max", registry=own)
         build.labels(__version__, platform.python_version()).set(1)
         if not self._shared:
@@ -76,28 +76,28 @@ class Metrics:
         self._unserved.labels(reason).inc()
 
     def timed(self, function: Callable[P, R]) -> Callable[P, R]:
-        """The function for a worker thread, which tells how long it waited from now on, and how long it took."""
-        asked = time.perf_counter()
+        """Wrap a function for a worker thread to record its wait, from now on, and its duration."""
+        submitted = time.perf_counter()
 
         def run(*args: P.args, **kwargs: P.kwargs) -> R:
-            began = time.perf_counter()
-            self.queue.observe(began - asked)
+            start = time.perf_counter()
+            self.queue.observe(start - submitted)
             try:
                 return function(*args, **kwargs)
             finally:
-                self.compute.observe(time.perf_counter() - began)
+                self.compute.observe(time.perf_counter() - start)
 
         return run
 
     def exposition(self, accept: str) -> tuple[bytes, str]:
-        """All of it as text, and its media type: Prometheus's own or OpenMetrics, as the Accept header has it."""
+        """Return all metrics as text and their media type, Prometheus's or OpenMetrics, as `accept` prefers."""
         encode, media_type = choose_encoder(accept)
         return encode(_sum_of_workers() if self._shared else self._registry), media_type
 
 
 @contextmanager
 def shared_by_workers() -> Iterator[None]:
-    """Have the processes that start within the block keep their numbers where each can read those of all."""
+    """Let the processes that start within the block keep their metrics where each can read those of all."""
     with tempfile.TemporaryDirectory(prefix="hof-metrics-") as folder:
         os.environ[FOLDER] = folder
         try:
@@ -107,18 +107,18 @@ def shared_by_workers() -> Iterator[None]:
 
 
 def _sum_of_workers() -> CollectorRegistry:
-    """What all workers counted; of those that died, what they had in flight is left out."""
+    """Return a registry with the sums over all workers, without the requests in flight of ended workers."""
     folder = os.environ[FOLDER]
     for file in Path(folder).glob("gauge_live*_*.db"):
         pid = int(file.stem.rpartition("_")[2])
-        if not _lives(pid):
+        if not _is_alive(pid):
             mark_process_dead(pid, folder)  # type: ignore[no-untyped-call]
     registry = CollectorRegistry()
     MultiProcessCollector(registry, folder)  # type: ignore[no-untyped-call]
     return registry
 
 
-def _lives(pid: int) -> bool:
+def _is_alive(pid: int) -> bool:
     try:
         os.kill(pid, 0)
     except ProcessLookupError:
