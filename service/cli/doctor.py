@@ -64,7 +64,7 @@ def _matting(settings: Settings) -> tuple[State, str]:
 
 def _database(settings: Settings) -> tuple[State, str]:
     """As at start: makes the database where it is missing, and reads all of it."""
-    asyncio.run(database.check(settings.database_url))
+    asyncio.run(database.verify(settings.database_url))
     return "ok", f"{make_url(settings.database_url).render_as_string()} opens and can be written"
 
 

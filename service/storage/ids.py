@@ -1,4 +1,4 @@
-"""Ids of objects: digests of what an object is made from, so that a repeat is found, not made again."""
+"""Ids of objects: digests of the inputs, so that a repeated call returns the stored object."""
 
 import hashlib
 import json
@@ -13,12 +13,12 @@ ID_DIGITS: Final = 32  # hexadecimal: 128 bits
 
 
 def is_id(text: str) -> bool:
-    """Whether a text can be the id of an object."""
+    """Return whether a text has the form of an id."""
     return re.fullmatch(rf"[0-9a-f]{{{ID_DIGITS}}}", text) is not None
 
 
 def encoded_id(image: bytes, mask: Mask, foreground_ratio: float, *model_digests: str) -> str:
-    """Id of an encoded object: its image's bytes, how it was framed, and every model file that had a part in it."""
+    """Return the id of an encoded object: digest of image bytes, framing, and all model files involved."""
     return _digest(
         "encoded",
         {
@@ -31,7 +31,7 @@ def encoded_id(image: bytes, mask: Mask, foreground_ratio: float, *model_digests
 
 
 def imported_id(spec: MappingSpec, functions: Functions) -> str:
-    """Id of an imported object: its theta (spec.size,) float32 and what that means; and its colour, if it has any."""
+    """Return the id of an imported object: digest of theta, (spec.size,) float32, its spec, and its color if any."""
     parts: dict[str, str | float] = {"spec": spec.to_json(), "theta": _array_digest(functions.theta)}
     if functions.color:
         parts |= {"color_spec": functions.color.spec.to_json(), "color": _array_digest(functions.color.weights)}
@@ -39,12 +39,12 @@ def imported_id(spec: MappingSpec, functions: Functions) -> str:
 
 
 def composed_id(word: Sequence[str]) -> str:
-    """Id of a composed object: the ids of its word."""
+    """Return the id of a composed object: digest of the ids of its word."""
     return _digest("composed", {"word": " ".join(word)})
 
 
 def interpolated_id(parents: Sequence[str]) -> str:
-    """Id of an interpolated object: the ids of those whose thetas it averages, as they were named."""
+    """Return the id of an interpolated object: digest of its parents' ids, in the order given."""
     return _digest("interpolated", {"parents": " ".join(parents)})
 
 

@@ -1,6 +1,6 @@
-"""Where objects are kept: id <-> theta, its spec and its colour, or the word of a composed object.
+"""The store of objects: id -> theta, its spec and its color, or the word of a composed object.
 
-SQLAlchemy Core. An object is never changed once written: it is put, read, listed, deleted.
+An object never changes once written: it is put, read, listed and deleted.
 """
 
 import base64
@@ -23,20 +23,20 @@ R = TypeVar("R")
 Kind = Literal["encoded", "imported", "composed", "interpolated"]
 
 MAX_SEQ: Final = 2**63 - 1
-MAX_NAMED: Final = 10  # composed objects that a refusal to delete names
-ONE: Final = select(objects).where(objects.c.id == bindparam("of"))  # built once: each photo asks for it
+MAX_NAMED: Final = 10  # composed objects that a refused deletion lists
+ONE: Final = select(objects).where(objects.c.id == bindparam("of"))  # built once: every photo runs it
 HEADER: Final = [column for column in objects.columns if column.name not in ("theta", "color")]
 
 
 @dataclass(frozen=True)
 class Record:
-    """All that is kept about an object but its functions.
+    """An object without its functions.
 
-    id : hexadecimal digest of what it was made from.
+    id : hexadecimal digest of the inputs (`service.storage.ids`).
     created_at : UTC.
-    model : name of the model that its theta comes from.
-    members : ids of what it was made from: the word of a composed object, the parents of an interpolated one.
-    color_spec : shape of what colours it; None where it has no colour.
+    model : name of the model that produced its theta.
+    members : ids of the objects it was made from: a composed object's word, an interpolated object's parents.
+    color_spec : spec of its color function; None without color.
     """
 
     id: str
@@ -49,9 +49,9 @@ class Record:
 
 
 class Store:
-    """The objects of a database; each step of a method is one short transaction.
+    """The objects of a database, read and written in short transactions.
 
-    Any method raises Overloaded where others keep the database for too long.
+    Every method raises Overloaded if other calls hold the database for too long.
     """
 
     def __init__(self, database: Database) -> None:
@@ -59,7 +59,7 @@ class Store:
 
     @classmethod
     async def open(cls, url: str) -> "Store":
-        """As `database.connect`. Raises UnusableStore."""
+        """Open the store at a database URL (`database.connect`). Raises UnusableStore."""
         return cls(await connect(url))
 
     async def close(self) -> None:
@@ -67,37 +67,37 @@ class Store:
         await self._database.close()
 
     async def ping(self) -> None:
-        """Ask the database for nothing. Raises Overloaded, or what SQLAlchemy raises when it does not answer."""
+        """Run SELECT 1. Raises Overloaded, or SQLAlchemy's error if the database does not answer."""
         await self._run(lambda connection: connection.execute(select(1)))
 
     async def put(self, record: Record, functions: Functions | None) -> tuple[Record, bool]:
-        """Keep an object under ``record.id`` unless there is one.
+        """Store an object under ``record.id`` unless that id exists.
 
-        Returns the object that is kept, and whether it is new: of any number of concurrent puts of one
-        id, exactly one is told so. What is returned is on disk.
+        Returns the stored object and whether it is new; of concurrent puts of one id, exactly one is new. The object
+        is on disk when this returns.
 
         Parameters
         ----------
-        functions : one theta, and the colour that `record.color_spec` describes; None for a composed object, of
-            which `record.members` is all.
+        functions : one theta, and the color that `record.color_spec` describes; None for a composed object, which
+            consists of `record.members`.
 
         Raises
         ------
-        NotFound : the word names an object that is not there (any more).
-        StoreFull : there is no space for it.
+        NotFound : the word names an object that does not exist.
+        StoreFull : the database has no space left.
         """
         kept, any_new = await self.put_all([(record, functions)])
         return kept[0], any_new
 
     async def put_all(self, proposed: Sequence[tuple[Record, Functions | None]]) -> tuple[list[Record], bool]:
-        """Keep all of several objects or, where one is refused, none of them.
+        """Store several objects, all or none.
 
-        Returns the objects that are kept, in their order, and whether any is new. Each is as `put` has it, and
-        so are the errors.
+        Returns the stored objects, in the order given, and whether any is new. Parameters and errors are those of
+        `put`.
         """
         kept: dict[str, Record] = {}
-        while True:  # again only where another put or a delete came between
-            # In one order, whatever was asked for: two calls for the same words do not wait for each other in turn.
+        while True:  # repeats only if another put or a delete intervenes
+            # Always in the same order, so that two calls for the same words cannot deadlock.
             fresh = sorted((pair for pair in proposed if pair[0].id not in kept), key=lambda pair: pair[0].members)
             try:
                 await self._run(partial(_insert_all, pairs=fresh))
@@ -110,38 +110,37 @@ class Store:
                 return [kept.get(record.id, record) for record, _ in proposed], bool(fresh)
 
     async def find(self, object_id: str) -> tuple[Record, Functions] | None:
-        """The object of that id and its functions; of a composed object those of its word, in order. None where
-        there is none."""
+        """Return an object and its functions (for a composed object, those of its word, in order), or None."""
         return await self._run(partial(_find, object_id=object_id))
 
     async def get(self, object_id: str) -> tuple[Record, Functions]:
-        """As `find`. Raises NotFound."""
-        found = await self.find(object_id)
-        if found is None:
-            raise NotFound("there is no object of this id")
-        return found
+        """Return an object and its functions (`find`). Raises NotFound."""
+        match = await self.find(object_id)
+        if match is None:
+            raise NotFound(f"no object has the id {object_id}")
+        return match
 
     async def record(self, object_id: str) -> Record:
-        """The object of that id, without its functions. Raises NotFound."""
-        found = await self.records([object_id])
-        if object_id not in found:
-            raise NotFound("there is no object of this id")
-        return found[object_id]
+        """Return an object without its functions. Raises NotFound."""
+        records = await self.records([object_id])
+        if object_id not in records:
+            raise NotFound(f"no object has the id {object_id}")
+        return records[object_id]
 
     async def records(self, ids: Sequence[str]) -> dict[str, Record]:
-        """Those of the objects that are there, by id, without their functions."""
+        """Return the objects that exist among `ids`, by id, without their functions."""
         query = select(*HEADER).where(objects.c.id.in_(ids))
         rows = await self._run(lambda connection: connection.execute(query).all())
         return {row.id: _record(row) for row in rows}
 
     async def page(self, limit: int, cursor: str | None = None) -> tuple[list[Record], str | None]:
-        """Up to `limit` objects, newest first, from the cursor on; and the cursor of the next page.
+        """Return up to `limit` objects from the cursor on, newest first, and the cursor of the next page (None: last).
 
-        Objects that come in between pages shift nothing: a walk meets each older object once.
+        New objects do not shift the pages: a walk over all pages meets each older object once.
 
         Raises
         ------
-        InvalidParameter : a cursor that no page gave.
+        InvalidParameter : the cursor did not come from a page.
         """
         query = select(*HEADER).order_by(objects.c.seq.desc()).limit(limit + 1)
         if cursor is not None:
@@ -151,16 +150,16 @@ class Store:
         return [_record(row) for row in rows[:limit]], _encode_cursor(rows[limit - 1].seq) if more else None
 
     async def delete(self, object_id: str) -> None:
-        """Remove an object.
+        """Delete an object.
 
         Raises
         ------
-        NotFound : there is none of that id.
-        InUse : words name it; the message names the composed objects, the oldest first.
-        StoreFull : even this takes space, and there is none.
+        NotFound : no object has this id.
+        InUse : composed objects use it; the message lists them, oldest first.
+        StoreFull : deleting needs space too, and none is left.
         """
         query = objects.delete().where(objects.c.id == object_id)
-        while True:  # again only where the last composed object was deleted meanwhile
+        while True:  # repeats only if the last composed object that used it was deleted meanwhile
             try:
                 deleted = await self._run(lambda connection: connection.execute(query).rowcount)
             except IntegrityError:
@@ -168,36 +167,36 @@ class Store:
             else:
                 break
         if not deleted:
-            raise NotFound("there is no object of this id")
+            raise NotFound(f"no object has the id {object_id}")
 
     async def _run(self, work: Work[R]) -> R:
-        """A transaction. Raises Overloaded and StoreFull."""
+        """Run a transaction. Raises Overloaded and StoreFull."""
         try:
             return await self._database.run(work)
         except (DBAPIError, PoolTimeout) as error:
             if is_busy(error):
-                raise Overloaded("the store has more work than it can do") from error
+                raise Overloaded("other calls held the database for too long; try again later") from error
             if is_full(error):
-                raise StoreFull("the store has no space left; nothing of this call is kept") from error
+                raise StoreFull("the database has no space left; nothing of this call is kept") from error
             raise
 
     async def _check_word(self, record: Record) -> None:
-        there = await self.records(record.members)
+        existing = await self.records(record.members)
         for member in record.members:
-            if record.kind == "composed" and member not in there:
-                raise NotFound(f"there is no object {member} any more, which the word names")
+            if record.kind == "composed" and member not in existing:
+                raise NotFound(f"the word names the object {member}, which no longer exists")
 
     async def _check_unused(self, object_id: str) -> None:
         query = select(objects.c.id).join(uses, objects.c.id == uses.c.composed_id).order_by(objects.c.seq)
         query = query.where(uses.c.member_id == object_id)
-        found = await self._run(lambda connection: connection.execute(query).scalars().all())
-        if found:
-            more = f" and {len(found) - MAX_NAMED} more" if len(found) > MAX_NAMED else ""
-            raise InUse(f"composed objects are made of it: {', '.join(found[:MAX_NAMED])}{more}; delete them first")
+        users = await self._run(lambda connection: connection.execute(query).scalars().all())
+        if users:
+            more = f" and {len(users) - MAX_NAMED} more" if len(users) > MAX_NAMED else ""
+            raise InUse(f"composed objects use it: {', '.join(users[:MAX_NAMED])}{more}; delete them first")
 
 
 def _find(connection: Connection, object_id: str) -> tuple[Record, Functions] | None:
-    """As `Store.find`."""
+    """Return an object and its functions, or None (`Store.find`)."""
     row = connection.execute(ONE, {"of": object_id}).first()
     if row is None:
         return None
@@ -205,10 +204,10 @@ def _find(connection: Connection, object_id: str) -> tuple[Record, Functions] | 
     if record.kind != "composed":
         return record, _functions(row)
     query = select(objects).where(objects.c.id.in_(record.members))
-    found = {each.id: _functions(each) for each in connection.execute(query)}
-    if found.keys() != set(record.members):
-        return None  # deleted between the two queries, and then an object of its word
-    return record, joined([found[member] for member in record.members])
+    members = {each.id: _functions(each) for each in connection.execute(query)}
+    if members.keys() != set(record.members):
+        return None  # the object and a member were deleted between the two queries
+    return record, joined([members[member] for member in record.members])
 
 
 def _insert_all(connection: Connection, pairs: Sequence[tuple[Record, Functions | None]]) -> None:
@@ -239,7 +238,7 @@ _spec = lru_cache(CACHED_SPECS)(MappingSpec.from_json)
 
 
 def _record(row: Row[Any]) -> Record:
-    created_at = row.created_at.replace(tzinfo=UTC)  # SQLite drops the zone; it was UTC
+    created_at = row.created_at.replace(tzinfo=UTC)  # SQLite drops the zone, which is always UTC
     spec, members = _spec(row.spec), tuple(row.members.split())
     color_spec = _spec(row.color_spec) if row.color_spec else None
     return Record(row.id, row.kind, row.model, spec, created_at, members, color_spec)
@@ -268,7 +267,7 @@ def _decode_cursor(cursor: str) -> int:
         text = base64.urlsafe_b64decode(cursor + "=" * (-len(cursor) % 4))
         seq = int(text)
     except ValueError as error:
-        raise InvalidParameter("this is no cursor of a page of objects", field="cursor") from error
+        raise InvalidParameter("the cursor did not come from a page of objects", field="cursor") from error
     if not 1 <= seq <= MAX_SEQ or _encode_cursor(seq) != cursor:
-        raise InvalidParameter("this is no cursor of a page of objects", field="cursor")
+        raise InvalidParameter("the cursor did not come from a page of objects", field="cursor")
     return seq

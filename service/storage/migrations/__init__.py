@@ -1,4 +1,4 @@
-"""The schema of the database, revision by revision (Alembic). Whoever opens a database first brings it up to date."""
+"""Revisions of the database schema (Alembic). Opening a database migrates it to the newest one."""
 
 from typing import Final
 
@@ -13,7 +13,7 @@ from service.errors import UnusableStore
 FIRST: Final = "0001"
 ADVISORY_LOCK: Final = 0x686F66  # "hof": PostgreSQL's locks go by number
 
-# The first release's tables; a database of that time does not tell its revision.
+# The first release's tables; databases of that release do not record their revision.
 FIRST_COLUMNS: Final = {
     "objects": {"seq", "id", "kind", "created_at", "model", "spec", "members", "theta"},
     "uses": {"composed_id", "member_id"},
@@ -21,14 +21,14 @@ FIRST_COLUMNS: Final = {
 
 
 def migrate(connection: Connection) -> None:
-    """Bring the schema to this version's revision, within the transaction that the connection begins or is in.
+    """Migrate the schema to this version's revision, in the connection's transaction.
 
-    Of several processes that start at once, one migrates and the others wait for it. A revision that fails leaves
-    the database as it was.
+    If several processes start at once, one migrates and the others wait. A failed revision leaves the database as it
+    was.
 
     Raises
     ------
-    UnusableStore : a newer version of hof made the database, or something else did.
+    UnusableStore : a newer version of hof, or another program, created the tables.
     """
     _lock(connection)
     config = Config()
@@ -36,21 +36,21 @@ def migrate(connection: Connection) -> None:
     config.attributes["connection"] = connection
     scripts = ScriptDirectory.from_config(config)
     newest = scripts.get_current_head()
-    found = MigrationContext.configure(connection).get_current_revision()
-    if found == newest:
+    current = MigrationContext.configure(connection).get_current_revision()
+    if current == newest:
         return
-    if found is None and _is_first_release(connection):
+    if current is None and _is_first_release(connection):
         command.stamp(config, FIRST)
-    elif found is not None and found not in {script.revision for script in scripts.walk_revisions()}:
+    elif current is not None and current not in {script.revision for script in scripts.walk_revisions()}:
         raise UnusableStore(
-            f"its schema is of revision {found}, newer than {newest}, the newest that this version of hof knows; "
-            "start the version that made it, or restore a backup from before"
+            f"its schema has revision {current}, newer than {newest}, the newest that this version of hof supports; "
+            "start the version of hof that wrote it, or restore an older backup"
         )
     command.upgrade(config, "head")
 
 
 def _lock(connection: Connection) -> None:
-    """Until the transaction ends, nobody else migrates."""
+    """Keep other processes from migrating until the transaction ends."""
     if connection.dialect.name == "sqlite":
         connection.exec_driver_sql("BEGIN IMMEDIATE")
     elif connection.dialect.name == "postgresql":
@@ -58,14 +58,15 @@ def _lock(connection: Connection) -> None:
 
 
 def _is_first_release(connection: Connection) -> bool:
-    """Whether the first release's tables are there; False in an empty database. Refuses other tables of those names."""
+    """Return whether the first release's tables exist. Raises UnusableStore if tables of these names differ."""
     inspector = inspect(connection)
-    there = [table for table in FIRST_COLUMNS if inspector.has_table(table)]
-    for table in FIRST_COLUMNS if there else ():
-        found = {column["name"] for column in inspector.get_columns(table)} if table in there else set()
-        wrong = sorted(found ^ FIRST_COLUMNS[table])
+    existing = [table for table in FIRST_COLUMNS if inspector.has_table(table)]
+    for table in FIRST_COLUMNS if existing else ():
+        columns = {column["name"] for column in inspector.get_columns(table)} if table in existing else set()
+        wrong = sorted(columns ^ FIRST_COLUMNS[table])
         if wrong:
             raise UnusableStore(
-                f"its table {table!r} is none of hof's (it differs in {', '.join(wrong)}); name another database"
+                f"its table {table!r} does not belong to hof (different columns: {', '.join(wrong)}); "
+                "name another database"
             )
-    return bool(there)
+    return bool(existing)

@@ -1,4 +1,4 @@
-"""What Alembic runs: the revisions, on the connection that `migrate` hands over."""
+"""Alembic's environment: runs the revisions on the connection of `migrate`."""
 
 from alembic import context
 

@@ -18,7 +18,7 @@ from service.runtime import liveness
 from service.runtime.cost import in_flight
 from service.settings import Settings
 from service.storage import database
-from service.storage.database import SQLITE_CONNECTIONS, OnThreads
+from service.storage.database import SQLITE_CONNECTIONS, SqliteDatabase
 from tests.support.processes import hof, serving
 from tests.support.resources import others, threads
 from tests.support.server import Server, check_refused, running
@@ -198,7 +198,7 @@ def test_store_locked_by_another_process_answers_429_until_released(
         other.execute("BEGIN IMMEDIATE")  # no other writer comes in
         writes = [pool.submit(client.post, "/objects", content=file) for file in files]
         connections = runtime_of(server).store._database
-        assert isinstance(connections, OnThreads)
+        assert isinstance(connections, SqliteDatabase)
         until(lambda: connections._free.locked())
         for answer in (client.get("/objects"), *(write.result() for write in writes)):
             assert (answer.status_code, answer.json()["title"]) == (429, "Overloaded")

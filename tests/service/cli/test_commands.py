@@ -180,7 +180,7 @@ def test_openapi_prints_the_committed_schema(capsys: pytest.CaptureFixture[str])
         ("serve --workers 0", "workers: "),
         ("key a/b --scope read", "a key's name has 1 to 64 letters"),
         ("doctor --threads 0", "threads: "),
-        ("serve --database-url nonsense", "the database URL is none"),
+        ("serve --database-url nonsense", "invalid database URL; expected sqlite:///PATH"),
         ("serve --database-url nosuch://user:secret@db/x", "cannot open the database nosuch://user:***@db/x"),
         ("serve --database-url sqlite:///photo.png", "cannot open the database sqlite:///photo.png: file is not"),
         ("serve --database-url sqlite:///photo.png/hof.db", "cannot open the database sqlite:///photo.png/hof.db"),

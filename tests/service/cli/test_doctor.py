@@ -68,7 +68,7 @@ def test_what_is_broken_is_told_and_does_not_hide_the_rest(tmp_path: Path) -> No
     ("url", "message"),
     [
         ("sqlite:///file:hof.db?mode=ro&uri=true", "cannot be written"),
-        ("nonsense", "the database URL is none"),
+        ("nonsense", "invalid database URL"),
         ("postgresql://u:secret@127.0.0.1:1/x", "cannot open the database postgresql://u:***@"),
     ],
 )

@@ -1,4 +1,4 @@
-"""The database: how it is opened, through what, and which file is refused at start."""
+"""The database: opening, transactions, and files that are refused at start."""
 
 import asyncio
 import sqlite3
@@ -21,7 +21,7 @@ from tests.support.small.store import NOW, open_store
 
 
 async def _put(url: str, count: int) -> list[bool]:
-    """Put objects at once and read them at once; which of them are new."""
+    """Put objects at once and read them at once; return which of them were new."""
     records = [Record(f"object{number % 7}", "encoded", "m", HOF_1, NOW) for number in range(count)]
     functions = Functions(initial_theta(HOF_1))
     async with open_store(url) as store:
@@ -30,40 +30,44 @@ async def _put(url: str, count: int) -> list[bool]:
     return new
 
 
-def _told(query: str, connection: Connection) -> object:
+def _scalar(query: str, connection: Connection) -> object:
     return connection.exec_driver_sql(query).scalar()
 
 
-def test_sqlite_syncs_its_log_before_a_commit_returns_and_holds_foreign_keys(tmp_path: Path) -> None:
+def test_connect_to_sqlite_sets_wal_full_sync_and_foreign_keys(tmp_path: Path) -> None:
     async def scenario() -> None:
         database = await connect(f"sqlite:///{tmp_path / 'new' / 'folder' / 'hof.db'}")
         pragmas = [("journal_mode", "wal"), ("synchronous", 2), ("busy_timeout", 10_000), ("foreign_keys", 1)]
         for pragma, expected in pragmas:
-            assert await database.run(partial(_told, f"PRAGMA {pragma}")) == expected
+            assert await database.run(partial(_scalar, f"PRAGMA {pragma}")) == expected
         await database.close()
 
     asyncio.run(scenario())
 
 
-def test_who_opens_a_new_file_waits_for_another_that_writes_it(tmp_path: Path) -> None:
-    """SQLite refuses to turn such a file to WAL at once, whatever its busy_timeout."""
-    path = tmp_path / "hof.db"
+def test_connect_to_a_new_file_waits_for_another_writer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """SQLite refuses to switch a locked file to WAL, whatever its busy_timeout."""
+    path, refused = tmp_path / "hof.db", threading.Event()
     with closing(sqlite3.connect(path, isolation_level=None, check_same_thread=False)) as other:
         other.execute("BEGIN IMMEDIATE")
         other.execute("CREATE TABLE others (number)")
         with closing(sqlite3.connect(path)) as second, pytest.raises(sqlite3.OperationalError, match="locked"):
             second.execute("PRAGMA journal_mode = WAL")
-        done = threading.Timer(0.3, other.execute, ["COMMIT"])
-        done.start()
-        database = asyncio.run(connect(f"sqlite:///{path}"))
-        done.join()
-        asyncio.run(database.close())
+
+        def commit(_: float) -> None:
+            if other.in_transaction:
+                other.execute("COMMIT")
+                refused.set()
+
+        monkeypatch.setattr("service.storage.database.time.sleep", commit)  # called after each refusal
+        asyncio.run(asyncio.run(connect(f"sqlite:///{path}")).close())
+        assert refused.is_set()
     with closing(sqlite3.connect(path)) as after:
         assert after.execute("PRAGMA journal_mode").fetchone() == ("wal",)
         assert after.execute("SELECT count(*) FROM others").fetchone() == (0,)
 
 
-def test_a_transaction_that_has_begun_ends_though_nobody_waits(tmp_path: Path) -> None:
+def test_run_of_a_cancelled_call_completes_the_transaction(tmp_path: Path) -> None:
     begun, go_on = threading.Event(), threading.Event()
 
     def slow(number: int, connection: Connection) -> None:
@@ -90,7 +94,7 @@ def test_a_transaction_that_has_begun_ends_though_nobody_waits(tmp_path: Path) -
         assert connection.execute(tables).fetchone() == (SQLITE_CONNECTIONS + 1,)
 
 
-def test_what_raises_leaves_nothing(tmp_path: Path) -> None:
+def test_run_that_raises_changes_nothing(tmp_path: Path) -> None:
     def halfway(connection: Connection) -> None:
         connection.exec_driver_sql("DELETE FROM alembic_version")
         raise RuntimeError("halfway")
@@ -99,13 +103,13 @@ def test_what_raises_leaves_nothing(tmp_path: Path) -> None:
         database = await connect(f"sqlite:///{tmp_path / 'hof.db'}")
         with pytest.raises(RuntimeError, match="halfway"):
             await database.run(halfway)
-        assert await database.run(partial(_told, "SELECT count(*) FROM alembic_version")) == 1
+        assert await database.run(partial(_scalar, "SELECT count(*) FROM alembic_version")) == 1
         await database.close()
 
     asyncio.run(scenario())
 
 
-def test_postgresql_works_through_pgbouncer_which_pools_transactions(postgres: Postgres) -> None:
+def test_connect_through_pgbouncer_pooling_transactions_works(postgres: Postgres) -> None:
     with postgres.bouncer(postgres.create()) as url:
         assert sum(asyncio.run(_put(url, 40))) == 7
 
@@ -129,7 +133,7 @@ BACKUP = "restore a backup"
 
 
 @pytest.mark.parametrize(
-    ("spoil", "query", "told", "remedy"),
+    ("damage", "query", "reason", "remedy"),
     [
         (lambda path: path.write_text("no database" * 1000), "", "file is not a database", BACKUP),
         (lambda path: _overwrite(path, 0, bytes(200)), "", "file is not a database", BACKUP),
@@ -141,17 +145,17 @@ BACKUP = "restore a backup"
     ],
     ids=["text", "header", "cut", "third page", "middle page", "folder", "read-only"],
 )
-def test_a_spoilt_file_is_refused_at_start_in_a_sentence_that_says_what_to_do(
-    spoil: Callable[[Path], None],
+def test_serve_with_a_damaged_file_is_refused_in_one_line_with_a_remedy(
+    damage: Callable[[Path], None],
     query: str,
-    told: str,
+    reason: str,
     remedy: str,
     tmp_path: Path,
     model_path: Path,
 ) -> None:
     path = tmp_path / "hof.db"
     asyncio.run(_put(f"sqlite:///{path}", 7))
-    spoil(path)
+    damage(path)
     url = f"sqlite:///{'file:' if query else ''}{path}{query}"
     command = [str(Path(sys.executable).with_name("hof")), "serve", "--port", "0"]
     run = subprocess.run(
@@ -164,12 +168,12 @@ def test_a_spoilt_file_is_refused_at_start_in_a_sentence_that_says_what_to_do(
     assert run.returncode == 2, run.stderr
     assert run.stderr.startswith("hof: cannot open the database sqlite:///")
     assert run.stderr.count("\n") == 1
-    assert told in run.stderr
+    assert reason in run.stderr
     assert remedy in run.stderr
-    assert {each.name[:6] for each in tmp_path.iterdir()} == {"hof.db"}  # and nothing was made beside it
+    assert {each.name[:6] for each in tmp_path.iterdir()} == {"hof.db"}  # no other file was created
 
 
-def test_a_sound_file_is_not_refused(tmp_path: Path) -> None:
+def test_connect_to_an_intact_file_keeps_its_objects(tmp_path: Path) -> None:
     asyncio.run(_put(f"sqlite:///{tmp_path / 'hof.db'}", 7))
     assert asyncio.run(_put(f"sqlite:///{tmp_path / 'hof.db'}", 7)) == [False] * 7
     connection = sqlite3.connect(tmp_path / "hof.db")

@@ -1,4 +1,4 @@
-"""A full disk: 507, nothing half-written, and a working service, then and afterwards. Real limits of real processes."""
+"""A full disk: answer 507, keep nothing of the call, and go on working. Real limits on real processes."""
 
 import os
 import resource
@@ -27,18 +27,18 @@ Limit = Callable[[Path, Path], AbstractContextManager[tuple[Served, Path, Grow]]
 
 @contextmanager
 def _small_file_system(folder: Path, model: Path) -> Iterator[tuple[Served, Path, Grow]]:
-    """A service whose database lies on a file system of 1 MiB, half of it taken; growing frees that half."""
+    """A service with its database on a file system of 1 MiB, half of it occupied; growing frees that half."""
     mount = [*NAMESPACE, "sh", "-c", MOUNT, str(folder)]
     with hof_serve(folder, model, prefix=mount) as served:
-        seen = Path(f"/proc/{served.process.pid}/root{folder}")
-        ballast = seen / "ballast"
+        root = Path(f"/proc/{served.process.pid}/root{folder}")
+        ballast = root / "ballast"
         ballast.write_bytes(bytes(500_000))
-        yield served, seen / "hof.db", ballast.unlink
+        yield served, root / "hof.db", ballast.unlink
 
 
 @contextmanager
 def _file_size_limit(folder: Path, model: Path) -> Iterator[tuple[Served, Path, Grow]]:
-    """A service none of whose files may exceed 300 kB; growing lifts the limit."""
+    """A service whose files may not exceed 300 kB; growing lifts the limit."""
     unlimited = (resource.RLIM_INFINITY, resource.RLIM_INFINITY)
     with hof_serve(folder, model) as served:
         pid = served.process.pid
@@ -47,7 +47,7 @@ def _file_size_limit(folder: Path, model: Path) -> Iterator[tuple[Served, Path, 
 
 
 def _may_mount() -> bool:
-    """Whether this machine lets us mount; many containers do not, and then the limit on files has to do."""
+    """Return whether this machine lets us mount. Many containers do not; then only file sizes are limited."""
     return subprocess.run([*NAMESPACE, "true"], capture_output=True, check=False).returncode == 0
 
 
@@ -64,7 +64,7 @@ def _assert_full(answer: httpx.Response) -> None:
 
 
 @pytest.mark.parametrize("limit", LIMITS)
-def test_a_full_disk_is_507_and_the_service_works_on(limit: Limit, tmp_path: Path, model_path: Path) -> None:
+def test_put_on_a_full_disk_is_507_and_the_service_goes_on(limit: Limit, tmp_path: Path, model_path: Path) -> None:
     with limit(tmp_path, model_path) as (served, database, grow):
         with httpx.Client(base_url=served.url, timeout=60) as client:
             kept = []
@@ -102,7 +102,7 @@ CREATE TRIGGER disk_full BEFORE INSERT ON uses EXECUTE FUNCTION disk_full();
 
 
 @pytest.mark.parametrize("database_url", ["postgresql"], indirect=True)
-def test_postgresqls_full_disk_is_507_and_no_word_is_kept(
+def test_compose_on_postgresqls_full_disk_is_507_and_keeps_no_word(
     database_url: str, postgres: Postgres, client: httpx.Client
 ) -> None:
     name = database_url.rpartition("/")[2]

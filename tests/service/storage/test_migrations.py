@@ -1,4 +1,4 @@
-"""The schema's revisions: from the first release's, from nothing, at once, and what is refused."""
+"""Migrations: from the first release, from an empty database, several at once, and refusals."""
 
 import asyncio
 import sqlite3
@@ -24,7 +24,7 @@ SPEC = MappingSpec("tiny", 3, (2,), 3, k=2)
 
 
 def _run(sql: str, url: str, request: pytest.FixtureRequest) -> str:
-    """Run SQL with another program than the service, and return what it gives, as text."""
+    """Run SQL with another program than the service, and return its output."""
     parsed = make_url(url)
     assert parsed.database
     if parsed.drivername == "postgresql":
@@ -51,7 +51,7 @@ def _differences(connection: Connection) -> list[object]:
 
 
 async def _opened(url: str) -> list[object]:
-    """Open and close a database; what its tables differ in from those that the code declares."""
+    """Open and close a database; return how its tables differ from those that the code declares."""
     database = await connect(url)
     differences = await database.run(_differences)
     await database.close()
@@ -62,7 +62,7 @@ def _first_release(url: str, request: pytest.FixtureRequest) -> None:
     _run((DATA / f"first-schema.{make_url(url).drivername}.sql").read_text("utf-8"), url, request)
 
 
-def test_an_empty_database_gets_the_tables_that_the_code_declares(
+def test_connect_to_an_empty_database_creates_the_declared_tables(
     database_url: str, request: pytest.FixtureRequest
 ) -> None:
     assert asyncio.run(_opened(database_url)) == []
@@ -70,7 +70,7 @@ def test_an_empty_database_gets_the_tables_that_the_code_declares(
     assert asyncio.run(_opened(database_url)) == []
 
 
-def test_a_database_of_the_first_release_is_migrated_and_its_objects_answer(
+def test_connect_to_a_first_release_database_migrates_it_and_keeps_its_objects(
     database_url: str, request: pytest.FixtureRequest
 ) -> None:
     _first_release(database_url, request)
@@ -89,7 +89,7 @@ def test_a_database_of_the_first_release_is_migrated_and_its_objects_answer(
     asyncio.run(scenario())
 
 
-def test_of_several_that_start_at_once_one_migrates(database_url: str, request: pytest.FixtureRequest) -> None:
+def test_connect_of_several_at_once_migrates_once(database_url: str, request: pytest.FixtureRequest) -> None:
     _first_release(database_url, request)
 
     async def scenario() -> None:
@@ -99,10 +99,10 @@ def test_of_several_that_start_at_once_one_migrates(database_url: str, request: 
     assert _revision(database_url, request) == HEAD
 
 
-def test_a_newer_database_is_refused_with_what_to_do(database_url: str, request: pytest.FixtureRequest) -> None:
+def test_connect_to_a_newer_database_names_a_remedy(database_url: str, request: pytest.FixtureRequest) -> None:
     asyncio.run(_opened(database_url))
     _run("UPDATE alembic_version SET version_num = '9999'", database_url, request)
-    with pytest.raises(UnusableStore, match=rf"revision 9999, newer than {HEAD}, .*; start the version that made it"):
+    with pytest.raises(UnusableStore, match=rf"revision 9999, newer than {HEAD}, .*; start the version of hof"):
         asyncio.run(connect(database_url))
     assert _revision(database_url, request) == "9999"
 
@@ -115,11 +115,11 @@ def test_a_newer_database_is_refused_with_what_to_do(database_url: str, request:
         "uses (composed_id TEXT, member_id TEXT)",
     ],
 )
-def test_tables_of_something_else_are_refused_and_left_alone(
+def test_connect_to_tables_of_another_program_is_refused_and_changes_nothing(
     database_url: str, request: pytest.FixtureRequest, table: str
 ) -> None:
     _run(f"CREATE TABLE {table}", database_url, request)
-    with pytest.raises(UnusableStore, match=r"its table '\w+' is none of hof's .* name another database"):
+    with pytest.raises(UnusableStore, match=r"its table '\w+' does not belong to hof .* name another database"):
         asyncio.run(connect(database_url))
     catalogue = "sqlite_master WHERE type = 'table'"
     if database_url.startswith("postgresql"):

@@ -1,4 +1,4 @@
-"""The store, on SQLite and on PostgreSQL."""
+"""The store on SQLite and on PostgreSQL: puts, reads and pages of objects with a theta."""
 
 import asyncio
 import subprocess
@@ -32,7 +32,7 @@ asyncio.run(main())
 """
 
 
-def test_an_object_comes_back_bit_for_bit_from_a_store_opened_again(database_url: str) -> None:
+def test_get_from_a_store_opened_again_returns_the_same_bits(database_url: str) -> None:
     spec = HOF_1.with_k(2)
     theta = initial_theta(spec, 7)
 
@@ -42,27 +42,27 @@ def test_an_object_comes_back_bit_for_bit_from_a_store_opened_again(database_url
         async with open_store(database_url) as store:
             return await store.get("a")
 
-    record, found = asyncio.run(scenario())
+    record, functions = asyncio.run(scenario())
     assert record == encoded_record("a", spec)
     assert record.created_at.tzinfo == UTC
-    assert found.theta.dtype == np.float32
-    np.testing.assert_array_equal(found.theta, theta)
-    assert found.color is None
+    assert functions.theta.dtype == np.float32
+    np.testing.assert_array_equal(functions.theta, theta)
+    assert functions.color is None
 
 
-def test_a_second_put_keeps_and_returns_the_first(database_url: str) -> None:
+def test_put_of_an_existing_id_keeps_and_returns_the_first_object(database_url: str) -> None:
     async def scenario() -> None:
         async with open_store(database_url) as store:
             await store.put(encoded_record("a"), Functions(THETA))
             later = Record("a", "imported", "other", SPEC, datetime(2027, 1, 1, tzinfo=UTC))
             assert await store.put(later, Functions(THETA + 1)) == (encoded_record("a"), False)
-            _, found = await store.get("a")
-            np.testing.assert_array_equal(found.theta, THETA)
+            _, functions = await store.get("a")
+            np.testing.assert_array_equal(functions.theta, THETA)
 
     asyncio.run(scenario())
 
 
-def test_of_concurrent_puts_from_two_processes_worth_of_stores_one_is_new(database_url: str) -> None:
+def test_put_of_one_id_by_two_stores_at_once_is_new_exactly_once(database_url: str) -> None:
     async def scenario() -> list[bool]:
         async with open_store(database_url) as one, open_store(database_url) as two:
             puts = [store.put(encoded_record("a"), Functions(THETA)) for store in (one, two) for _ in range(10)]
@@ -71,7 +71,7 @@ def test_of_concurrent_puts_from_two_processes_worth_of_stores_one_is_new(databa
     assert sorted(asyncio.run(scenario())) == [False] * 19 + [True]
 
 
-def test_another_process_reads_what_is_acknowledged_while_the_store_is_open(database_url: str) -> None:
+def test_put_that_returned_is_visible_to_another_process(database_url: str) -> None:
     async def scenario() -> list[str]:
         async with open_store(database_url) as store:
             await store.put(encoded_record("a"), Functions(THETA))
@@ -86,7 +86,7 @@ def test_another_process_reads_what_is_acknowledged_while_the_store_is_open(data
     assert asyncio.run(scenario()) == ["a", str(THETA.nbytes)]
 
 
-def test_unknown_ids_are_not_found(database_url: str) -> None:
+def test_get_and_delete_of_an_unknown_id_raise_not_found(database_url: str) -> None:
     async def scenario() -> None:
         async with open_store(database_url) as store:
             assert await store.find("a") is None
@@ -98,7 +98,7 @@ def test_unknown_ids_are_not_found(database_url: str) -> None:
     asyncio.run(scenario())
 
 
-def test_pages_are_newest_first_and_stable_under_inserts_and_deletes(database_url: str) -> None:
+def test_page_under_inserts_and_deletes_stays_newest_first_and_complete(database_url: str) -> None:
     async def scenario() -> None:
         async with open_store(database_url) as store:
             for name in "abcdefg":
@@ -118,7 +118,7 @@ def test_pages_are_newest_first_and_stable_under_inserts_and_deletes(database_ur
     asyncio.run(scenario())
 
 
-def test_an_empty_store_has_an_empty_page(database_url: str) -> None:
+def test_page_of_an_empty_store_is_empty(database_url: str) -> None:
     async def scenario() -> tuple[list[Record], str | None]:
         async with open_store(database_url) as store:
             return await store.page(5)
@@ -129,7 +129,7 @@ def test_an_empty_store_has_an_empty_page(database_url: str) -> None:
 @pytest.mark.parametrize(
     "cursor", ["", "x", "MQ==", "LTE", "MA", "ICAx", "é", "\x00", "OTk5OTk5OTk5OTk5OTk5OTk5OTk5OQ", "2" * 60]
 )
-def test_a_cursor_that_no_page_gave_is_refused(database_url: str, cursor: str) -> None:
+def test_page_with_an_invalid_cursor_is_refused(database_url: str, cursor: str) -> None:
     async def scenario() -> None:
         async with open_store(database_url) as store:
             await store.page(1, cursor)

@@ -1,4 +1,4 @@
-"""Composed objects in the store, on SQLite and on PostgreSQL: words, and the objects that they name."""
+"""The store on SQLite and on PostgreSQL: words, and the objects that they use."""
 
 import asyncio
 from collections.abc import Awaitable
@@ -21,7 +21,7 @@ def _composed(name: str, *word: str) -> Record:
     return Record(name, "composed", "tiny-k2", SPEC, NOW, word)
 
 
-def test_a_composed_object_has_the_thetas_of_its_word(database_url: str) -> None:
+def test_get_of_a_composed_object_returns_the_thetas_of_its_word(database_url: str) -> None:
     async def scenario() -> tuple[Record, Functions]:
         async with open_store(database_url) as store:
             for index, name in enumerate("ab"):
@@ -37,8 +37,8 @@ def test_a_composed_object_has_the_thetas_of_its_word(database_url: str) -> None
     np.testing.assert_array_equal(functions.theta, [THETA + 1, THETA, THETA + 1])
 
 
-def test_a_colour_comes_back_bit_for_bit_and_a_word_has_those_of_its_functions(database_url: str) -> None:
-    spec = MappingSpec("colour", 3, (5,), 3)
+def test_get_with_color_returns_the_same_bits_and_a_words_colors(database_url: str) -> None:
+    spec = MappingSpec("color", 3, (5,), 3)
     weights = initial_theta(spec, 3)
     red = Record("red", "encoded", "tiny-k2", SPEC, NOW, color_spec=spec)
     word = Record("word", "composed", "tiny-k2", SPEC, NOW, ("red", "plain", "red"), spec)
@@ -52,8 +52,8 @@ def test_a_colour_comes_back_bit_for_bit_and_a_word_has_those_of_its_functions(d
             assert (await store.page(1))[0] == [word]
             return await store.get("red"), await store.get("word")
 
-    (found_red, one), (found_word, two) = asyncio.run(scenario())
-    assert (found_red, found_word) == (red, word)
+    (red_record, one), (word_record, two) = asyncio.run(scenario())
+    assert (red_record, word_record) == (red, word)
     assert one.color
     assert two.color
     assert one.color.spec == two.color.spec == spec
@@ -62,11 +62,11 @@ def test_a_colour_comes_back_bit_for_bit_and_a_word_has_those_of_its_functions(d
     np.testing.assert_array_equal(two.color.weights, [weights, weights])
 
 
-def test_a_word_of_a_missing_object_is_refused_and_not_kept(database_url: str) -> None:
+def test_put_of_a_word_over_a_missing_object_is_refused_and_stores_nothing(database_url: str) -> None:
     async def scenario() -> None:
         async with open_store(database_url) as store:
             await store.put(encoded_record("a"), Functions(THETA))
-            with pytest.raises(NotFound, match="no object gone any more"):
+            with pytest.raises(NotFound, match="the word names the object gone, which no longer exists"):
                 await store.put(_composed("ab", "a", "gone"), None)
             assert await store.records(["a", "ab", "gone"]) == {"a": encoded_record("a")}
             await store.delete("a")
@@ -74,14 +74,14 @@ def test_a_word_of_a_missing_object_is_refused_and_not_kept(database_url: str) -
     asyncio.run(scenario())
 
 
-def test_an_object_that_words_use_stays(database_url: str) -> None:
+def test_delete_of_an_object_that_words_use_is_refused(database_url: str) -> None:
     async def scenario() -> None:
         async with open_store(database_url) as store:
             await store.put(encoded_record("a"), Functions(THETA))
             names = [f"word{index}" for index in range(12)]
             for name in names:
                 await store.put(_composed(name, "a", "a"), None)
-            with pytest.raises(InUse, match=r"made of it: word0, .*, word9 and 2 more; delete") as caught:
+            with pytest.raises(InUse, match=r"objects use it: word0, .*, word9 and 2 more; delete") as caught:
                 await store.delete("a")
             assert "word10" not in caught.value.detail
             for name in names:
@@ -92,7 +92,7 @@ def test_an_object_that_words_use_stays(database_url: str) -> None:
     asyncio.run(scenario())
 
 
-def test_an_interpolated_object_keeps_parents_that_are_gone(database_url: str) -> None:
+def test_get_of_an_interpolated_object_keeps_deleted_parents(database_url: str) -> None:
     mean = Record("mean", "interpolated", "tiny-k2", SPEC, NOW, ("a", "gone"))
 
     async def scenario() -> tuple[Record, Functions]:
@@ -107,7 +107,7 @@ def test_an_interpolated_object_keeps_parents_that_are_gone(database_url: str) -
     np.testing.assert_array_equal(functions.theta, THETA)
 
 
-def test_of_composing_and_deleting_at_once_one_wins(database_url: str) -> None:
+def test_put_of_a_word_and_delete_at_once_exactly_one_succeeds(database_url: str) -> None:
     async def attempt(action: Awaitable[object]) -> bool:
         try:
             await action
@@ -125,8 +125,8 @@ def test_of_composing_and_deleting_at_once_one_wins(database_url: str) -> None:
                     actions.reverse()
                 results = await asyncio.gather(*map(attempt, actions))
                 assert sorted(results) == [False, True]
-                found = await one.records([name, word])
-                assert found.keys() in ({name, word}, set())
+                records = await one.records([name, word])
+                assert records.keys() in ({name, word}, set())
 
     asyncio.run(scenario())
 
@@ -134,11 +134,11 @@ def test_of_composing_and_deleting_at_once_one_wins(database_url: str) -> None:
 # Several at once
 
 
-def test_of_several_objects_all_are_kept_or_none(database_url: str) -> None:
+def test_put_all_with_a_refused_object_stores_none(database_url: str) -> None:
     async def scenario() -> None:
         async with open_store(database_url) as store:
             await store.put(encoded_record("a"), Functions(THETA))
-            with pytest.raises(NotFound, match="no object gone any more"):
+            with pytest.raises(NotFound, match="the word names the object gone, which no longer exists"):
                 await store.put_all([(_composed("aa", "a", "a"), None), (_composed("ag", "a", "gone"), None)])
             assert [record.id for record in (await store.page(5))[0]] == ["a"]
             await store.put(_composed("aa", "a", "a"), None)
@@ -152,7 +152,7 @@ def test_of_several_objects_all_are_kept_or_none(database_url: str) -> None:
     asyncio.run(scenario())
 
 
-def test_the_same_words_in_opposite_orders_do_not_lock_each_other_out(database_url: str) -> None:
+def test_put_all_of_the_same_words_in_opposite_orders_does_not_deadlock(database_url: str) -> None:
     async def scenario() -> list[bool]:
         async with open_store(database_url) as one, open_store(database_url) as two:
             for name in "ab":

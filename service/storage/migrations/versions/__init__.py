@@ -1,1 +1,1 @@
-"""One file for each revision of the schema. A released one is never changed."""
+"""Schema revisions, one file each. A released revision never changes."""

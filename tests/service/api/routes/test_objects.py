@@ -94,7 +94,7 @@ def test_delete_of_an_object_in_a_word_answers_409(client: httpx.Client) -> None
     refused = [client.delete(f"/objects/{each}") for each in (b, a)]
     assert [(answer.status_code, answer.json()["title"]) for answer in refused] == [(409, "In use")] * 2
     details = [answer.json()["detail"] for answer in refused]
-    assert details[0] == f"composed objects are made of it: {words[0]}, {words[1]}; delete them first"
+    assert details[0] == f"composed objects use it: {words[0]}, {words[1]}; delete them first"
     assert words[1] not in details[1]
     for object_id in (*words, a, b):
         assert client.delete(f"/objects/{object_id}").status_code == 204

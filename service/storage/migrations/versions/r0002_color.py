@@ -1,4 +1,4 @@
-"""Colour: a second mapping function beside theta, with a spec of its own."""
+"""Color: a second mapping function beside theta, with its own spec."""
 
 import sqlalchemy as sa
 from alembic import op
@@ -8,6 +8,6 @@ down_revision = "0001"
 
 
 def upgrade() -> None:
-    """Add both columns; the objects that are there have no colour."""
+    """Add both columns; existing objects have no color."""
     op.add_column("objects", sa.Column("color", sa.LargeBinary, nullable=True))
     op.add_column("objects", sa.Column("color_spec", sa.Text, nullable=True))
