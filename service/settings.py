@@ -19,46 +19,46 @@ from service.encoding.decode import DEFAULT_MAX_PIXELS
 LogFormat = Literal["json", "text"]
 
 SHIPPED_MODEL: Final = Path(__file__).resolve().parent.parent / "model" / "weights" / "hof1-k2.onnx"  # the default
-POINTS_CEILING: Final = 10_000_000  # the API's promise; `max_points` may only lower it
-POINTS_PER_CPU: Final = 4_000_000  # in flight: about a second of work
+POINTS_CEILING: Final = 10_000_000  # the API's limit; `max_points` may only lower it
+POINTS_PER_CPU: Final = 4_000_000  # in flight: about one second of work
 MIB: Final = 2**20
-ORIGIN: Final = r"(\*|https?://[^/,\s*]+)"  # as browsers send it: no path, no slash at its end
+ORIGIN: Final = r"(\*|https?://[^/,\s*]+)"  # as browsers send it: no path, no trailing slash
 
 
 def available_cpus() -> int:
-    """How many CPUs this process may use: its affinity, cut by a cgroup v2 quota; at least 1."""
+    """Return the number of CPUs this process may use: its affinity, limited by a cgroup v2 quota; at least 1."""
     count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     try:
         quota, period = Path("/sys/fs/cgroup/cpu.max").read_text("ascii").split()
         return max(1, min(count, math.ceil(int(quota) / int(period))))
-    except (OSError, ValueError):  # no cgroup v2 here, or "max": no quota
+    except (OSError, ValueError):  # no cgroup v2, or no quota ("max")
         return count
 
 
 def shipped_models() -> tuple[Path, ...]:
-    """The ONNX files beside SHIPPED_MODEL, that one first, the others by name."""
+    """Return SHIPPED_MODEL and the other ONNX files of its folder, sorted by name."""
     others = sorted(path for path in SHIPPED_MODEL.parent.glob("*.onnx") if path != SHIPPED_MODEL)
     return (SHIPPED_MODEL, *others)
 
 
 def default_database_url() -> str:
-    """SQLite in the platform's data folder of this user."""
+    """Return the URL of a SQLite file in the user's data folder."""
     return f"sqlite:///{platformdirs.user_data_path('hof') / 'hof.db'}"
 
 
 def default_matting_model() -> Path | None:
-    """u2netp.onnx in the folder that rembg's variable U2NET_HOME names; None where it is not set."""
+    """Return u2netp.onnx in the folder U2NET_HOME (the variable rembg uses), or None if that is not set."""
     home = os.environ.get("U2NET_HOME")
     return Path(home) / "u2netp.onnx" if home else None
 
 
 def default_log_format() -> LogFormat:
-    """Text where a person reads it, else JSON."""
+    """Return `text` on a terminal, else `json`."""
     return "text" if sys.stderr.isatty() else "json"
 
 
 def _parts(value: object) -> object:
-    """A variable's text, cut at commas."""
+    """Split a variable's text at commas."""
     return [part.strip() for part in value.split(",") if part.strip()] if isinstance(value, str) else value
 
 
@@ -66,7 +66,7 @@ Paths = Annotated[tuple[Path, ...], NoDecode, BeforeValidator(_parts)]
 
 
 class Settings(BaseSettings):
-    """Read once at start, from keyword arguments first, then from HOF_* variables, and passed in."""
+    """The settings of the service, from keyword arguments, then HOF_* variables, then defaults."""
 
     model_config = SettingsConfigDict(env_prefix="HOF_", frozen=True, extra="forbid")
 
@@ -74,71 +74,80 @@ class Settings(BaseSettings):
     port: int = Field(default=8080, ge=0, le=65_535, description="port to listen on; 0 takes a free one")
     database_url: str = Field(
         default_factory=default_database_url,
-        description="where objects are kept: sqlite:///PATH or postgresql://...; default: the user's data folder",
+        description="database: sqlite:///PATH or postgresql://...; default: a file in the user's data folder",
     )
     model: Paths = Field(
         default_factory=shipped_models,
         min_length=1,
-        description="image encoders, ONNX files of hof-model export, the first for calls that name none; the flag may "
-        "be repeated, the variable takes commas; default: `hof1-k2.onnx` and all others in `model/weights`",
+        description="image encoders, ONNX files of `hof-model export`; the first is the default of calls; repeat the "
+        "flag, or separate the variable's values by commas; default: `hof1-k2.onnx` and all others in `model/weights`",
     )
     matting_model: Path | None = Field(
         default_factory=default_matting_model,
-        description="U2-Net, an ONNX file that tells objects from any background; default: u2netp.onnx in "
+        description="U2-Net (ONNX), which separates objects from any background; default: u2netp.onnx in "
         "`U2NET_HOME`, else none",
     )
     max_image_bytes: int = Field(default=20 * MIB, ge=1, description="largest image accepted, bytes")
-    max_image_pixels: int = Field(default=DEFAULT_MAX_PIXELS, ge=1, description="largest image accepted, pixels in all")
+    max_image_pixels: int = Field(
+        default=DEFAULT_MAX_PIXELS, ge=1, description="largest image accepted, pixels (width x height)"
+    )
     max_weights_bytes: int = Field(default=8 * MIB, ge=1, description="largest weights file accepted, bytes")
-    max_points: int = Field(default=POINTS_CEILING, ge=1, le=POINTS_CEILING, description="most points of one request")
+    max_points: int = Field(
+        default=POINTS_CEILING, ge=1, le=POINTS_CEILING, description="maximum points of one request"
+    )
     max_queued_images: int = Field(
-        default=128, ge=1, description="most images that are sent, wait or are encoded at a time; more is a 429"
+        default=128, ge=1, description="maximum images being received, queued or encoded; above this, 429"
     )
     max_points_in_flight: int = Field(
         default_factory=lambda: POINTS_PER_CPU * available_cpus(),
         ge=1,
-        description="most points that are computed or being sent at a time; default: 4 million for each CPU",
+        description="maximum points being computed or sent; above this, 429; default: 4 million per CPU",
     )
     max_upload_bytes: int = Field(
-        default=128 * MIB, ge=1, description="most bytes of all request bodies at a time; more is a 429"
+        default=128 * MIB, ge=1, description="maximum bytes of all request bodies being received; above this, 429"
     )
     client_timeout_s: float = Field(
-        default=30.0, gt=0, description="longest wait for a client's next bytes, or for it to take ours, seconds"
+        default=30.0, gt=0, description="maximum seconds that a client may stop sending or receiving"
     )
     threads: int = Field(
         default_factory=available_cpus,
         ge=1,
         le=1024,
-        description="threads for decoding, encoding and sampling; default: the CPUs this process may use",
+        description="threads for decoding, encoding and sampling; default: number of CPUs this process may use",
     )
     drain_s: float = Field(
-        default=5, ge=0, le=3600, description="seconds to go on serving after SIGTERM, while `/health/ready` says 503"
+        default=5,
+        ge=0,
+        le=3600,
+        description="seconds to go on serving after SIGTERM, while `/health/ready` answers 503",
     )
-    shutdown_s: int = Field(default=20, ge=1, le=3600, description="seconds that calls in progress then have to end")
+    shutdown_s: int = Field(default=20, ge=1, le=3600, description="seconds that calls in progress then have to finish")
     workers: int = Field(
-        default=1, ge=1, le=256, description="processes that serve, each with models and threads of its own"
+        default=1, ge=1, le=256, description="processes that serve, each with its own models and threads"
     )
     api_keys_file: Path | None = Field(
-        default=None, description="keys that calls need, a line each as `hof key` prints it; without, anyone may call"
+        default=None,
+        description="file of API keys, one line each as `hof key` prints it; default: none, anyone may call",
     )
     metrics: Literal["open", "key"] = Field(
-        default="open", description="who may read `/metrics`: anyone, or only a `key` of the scope `metrics`"
+        default="open",
+        description="who may read `/metrics`: `open` for anyone, `key` for keys with the scope `metrics`",
     )
     rate_limit: str | None = Field(
         default=None,
-        description="requests that each key, or without keys each address, may make of one worker: `100/minute`, say",
+        description="maximum requests per key (per address without keys) and worker, for example `100/minute`",
     )
     cors_origins: str | None = Field(
         default=None,
         pattern=rf"^{ORIGIN}(,{ORIGIN})*$",
-        description="origins whose pages may call the service, separated by commas: `https://shop.example`, say",
+        description="origins whose pages may call the service, separated by commas, for example `https://shop.example`",
     )
     log_level: Literal["critical", "error", "warning", "info", "debug"] = Field(
-        default="info", description="least severity that is logged"
+        default="info", description="lowest level that is logged"
     )
     log_format: LogFormat = Field(
         default_factory=default_log_format,
-        description="`json` or `text`, a line an event on stderr; default: `text` on a terminal, else `json`",
+        description="`json` or `text`, one line per event on stderr; default: `text` on a terminal, else `json`",
     )
 
     @field_validator("rate_limit")
@@ -148,7 +157,7 @@ class Settings(BaseSettings):
             try:
                 amount = parse(text).amount
             except ValueError as error:
-                raise ValueError(f"{text!r} is no rate: 100/minute, say, or 10/second") from error
+                raise ValueError(f"{text!r} is not a rate; examples: 100/minute, 10/second") from error
             if amount < 1:
-                raise ValueError("it must allow at least one request")
+                raise ValueError(f"{text!r} allows no request; the minimum is 1, for example 1/minute")
         return text

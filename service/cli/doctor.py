@@ -1,4 +1,4 @@
-"""`hof doctor`: whether what an installation needs is there, a line each, with what to do where it is not."""
+"""`hof doctor`: check an installation; one line per check, with a remedy for each fault."""
 
 import asyncio
 import importlib.util
@@ -22,61 +22,61 @@ from service.telemetry import tracing
 
 State = Literal["ok", "warn", "fail"]
 
-LITTLE_DISK: Final = 1024 * MIB
-NO_DISK: Final = 64 * MIB
+LOW_DISK: Final = 1024 * MIB  # warns
+FULL_DISK: Final = 64 * MIB  # fails
 LOCAL: Final = ("127.0.0.1", "::1", "localhost")
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What a check found: `warn` where the service runs with less, `fail` where it does not run."""
+    """The result of a check: `warn` if the service runs with limits, `fail` if it does not run."""
 
     state: State
-    what: str
-    told: str
+    subject: str
+    message: str
 
     def __str__(self) -> str:
-        return f"{self.state:<5}{self.what:<10}{self.told}"
+        return f"{self.state:<5}{self.subject:<10}{self.message}"
 
 
 def examine(settings: Settings) -> Iterator[Finding]:
-    """The findings, each as soon as it is known. A check that raises has failed; none stops the others."""
-    for what, check in CHECKS.items():
+    """Yield each finding as soon as its check ends. A check that raises has failed; the others still run."""
+    for subject, check in CHECKS.items():
         try:
-            state, told = check(settings)
+            state, message = check(settings)
         except (HofError, ArgumentError, OSError) as error:
-            state, told = "fail", str(error)
-        yield Finding(state, what, told)
+            state, message = "fail", str(error)
+        yield Finding(state, subject, message)
 
 
 def _model(settings: Settings) -> tuple[State, str]:
     models = Models.open(settings.model, settings.threads)
     models.warm_up()
-    told = (f"{encoder.name} of {path}" for encoder, path in zip(models, settings.model, strict=True))
-    return "ok", f"{', '.join(told)} encodes"
+    names = (f"{encoder.name} ({path})" for encoder, path in zip(models, settings.model, strict=True))
+    return "ok", f"encodes: {', '.join(names)}"
 
 
 def _matting(settings: Settings) -> tuple[State, str]:
     if Matting.of(settings.matting_model, settings.threads) is None:
-        return "warn", "none: photos need a plain background or transparency; the README's section Photos tells how"
+        return "warn", "none: photos need a plain background or transparency; set --matting-model to change that"
     return "ok", str(settings.matting_model)
 
 
 def _database(settings: Settings) -> tuple[State, str]:
-    """As at start: makes the database where it is missing, and reads all of it."""
+    """Open the database as `hof serve` does, which creates a missing one, and read all of it."""
     asyncio.run(database.verify(settings.database_url))
-    return "ok", f"{make_url(settings.database_url).render_as_string()} opens and can be written"
+    return "ok", f"{make_url(settings.database_url).render_as_string()} can be read and written"
 
 
 def _disk(settings: Settings) -> tuple[State, str]:
     url = make_url(settings.database_url)
     if url.get_backend_name() != "sqlite" or not url.database:
-        return "ok", "the database server's"
+        return "ok", "not checked: it is the database server's"
     folder = next(parent for parent in Path(url.database).absolute().parents if parent.is_dir())
     free = shutil.disk_usage(folder).free
-    state: State = "fail" if free < NO_DISK else "warn" if free < LITTLE_DISK else "ok"
+    state: State = "fail" if free < FULL_DISK else "warn" if free < LOW_DISK else "ok"
     return state, f"{free // MIB:,} MiB free in {folder}" + (
-        "" if state == "ok" else ": make room, or move the database"
+        "" if state == "ok" else ": free some space, or move the database"
     )
 
 
@@ -90,23 +90,24 @@ def _keys(settings: Settings) -> tuple[State, str]:
         return "ok", f"{len(keys)} in {settings.api_keys_file}"
     if settings.host in LOCAL:
         return "ok", f"none: anyone on this machine may call {settings.host}"
-    return "warn", f"none: anyone who reaches {settings.host} may call; `hof key` makes one for --api-keys-file"
+    return "warn", f"none: anyone who reaches {settings.host} may call; `hof key` creates one for --api-keys-file"
 
 
 def _threads(settings: Settings) -> tuple[State, str]:
     threads, cpus = settings.workers * settings.threads, available_cpus()
-    told = f"{threads} on {cpus} CPUs"
-    return ("ok", told) if threads <= cpus else ("warn", f"{told}: more than can run; lower --threads or --workers")
+    message = f"{threads} on {cpus} CPUs"
+    advice = "more threads than CPUs; lower --threads or --workers"
+    return ("ok", message) if threads <= cpus else ("warn", f"{message}: {advice}")
 
 
 def _fast(settings: Settings) -> tuple[State, str]:
-    return _extra("fast", importlib.util.find_spec("numba") is not None, "points are computed without it, more slowly")
+    return _extra("fast", importlib.util.find_spec("numba") is not None, "points are computed more slowly without it")
 
 
 def _otel(settings: Settings) -> tuple[State, str]:
     if not tracing.is_wanted():
         return "ok", "no traces: OTEL_EXPORTER_OTLP_ENDPOINT is not set"
-    return _extra("otel", tracing.is_installed(), "OTEL_EXPORTER_OTLP_ENDPOINT is set, and no trace is sent")
+    return _extra("otel", tracing.is_installed(), "OTEL_EXPORTER_OTLP_ENDPOINT is set, but no trace can be sent")
 
 
 def _extra(name: str, installed: bool, without: str) -> tuple[State, str]:

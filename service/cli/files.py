@@ -1,4 +1,4 @@
-"""What `hof` does with files alone: photos and weights in; points, surfaces, pictures and weights out."""
+"""The offline commands: photos and weights in; points, surfaces, pictures and weights out."""
 
 import argparse
 import io
@@ -40,7 +40,7 @@ def encode(arguments: argparse.Namespace) -> None:
     options = _options(arguments, EncodeOptions)
     as_weights = arguments.output.suffix == WEIGHT_FORMATS["safetensors"].extension
     if not as_weights:
-        _point_options(arguments)  # refuses before the work is done
+        _point_options(arguments)  # fails before the work begins
     encoder = Encoder.open(settings.model[0], settings.threads)
     framing = encoder.framing
     if options.foreground_ratio is not None:
@@ -57,14 +57,14 @@ def encode(arguments: argparse.Namespace) -> None:
 
 
 def sample(arguments: argparse.Namespace) -> None:
-    """Sample a weights file: the same points as the service gives for the object."""
+    """Sample a weights file; the points are those that the service computes for the object."""
     _point_options(arguments)
     weights = _load(arguments.weights)
     _write_points(arguments, weights.spec, weights.functions)
 
 
 def mesh(arguments: argparse.Namespace) -> None:
-    """Write the surface of a weights file: the same triangles as the service gives for the object."""
+    """Write the surface of a weights file; the triangles are those that the service computes for the object."""
     fmt = _format(arguments.output, MESH_FORMATS)
     options = _options(arguments, MeshOptions)
     weights = _load(arguments.weights)
@@ -73,8 +73,9 @@ def mesh(arguments: argparse.Namespace) -> None:
 
 
 def compose(arguments: argparse.Namespace) -> None:
-    """Compose the functions of k weights files and write the points of A B: f_A(f_B(x)), the last one applied first.
-    As .png: a picture of the words over two files, A and B; all of k = 2, those from A to B of a larger k."""
+    """Compose the functions of k weights files and write points. A B is f_A(f_B(x)): the last one is applied first.
+
+    As .png: a picture of words over two files A and B; all words if k = 2, those from A to B if k is larger."""
     as_picture = arguments.output.suffix == PICTURE
     if not as_picture:
         _point_options(arguments)
@@ -89,30 +90,30 @@ def compose(arguments: argparse.Namespace) -> None:
 
 
 def info(arguments: argparse.Namespace) -> None:
-    """Print the model's name, the spec and the size of theta, as JSON; its word and its colour's spec, if any."""
+    """Print the model, the spec and the size of theta as JSON; also the color's spec and the word, if any."""
     weights = _load(arguments.weights)
-    told: dict[str, Any] = {"model": weights.model, "spec": asdict(weights.spec), "size": weights.spec.size}
+    summary: dict[str, Any] = {"model": weights.model, "spec": asdict(weights.spec), "size": weights.spec.size}
     if weights.color:
-        told["color_spec"] = asdict(weights.color.spec)
+        summary["color_spec"] = asdict(weights.color.spec)
     if weights.word:
-        told["word"] = weights.word
-    print(json.dumps(told, indent=2))
+        summary["word"] = weights.word
+    print(json.dumps(summary, indent=2))
 
 
 def settings_of(arguments: argparse.Namespace) -> Settings:
-    """The settings that were given as flags, the rest from the environment. Raises ValidationError."""
-    return Settings(**given(arguments, Settings))
+    """Return the settings: flags first, then the environment. Raises ValidationError."""
+    return Settings(**_values(arguments, Settings))
 
 
-def given(arguments: argparse.Namespace, model: type[BaseModel]) -> dict[str, Any]:
-    """The arguments that are fields of a model and were given."""
+def _values(arguments: argparse.Namespace, model: type[BaseModel]) -> dict[str, Any]:
+    """Return the values of the flags that were set and are fields of `model`."""
     return {name: value for name, value in vars(arguments).items() if name in model.model_fields and value is not None}
 
 
 def _options(arguments: argparse.Namespace, model: type[Options]) -> Options:
     """Return the options that the flags set, the rest at their defaults. Raises InvalidParameter."""
     try:
-        return model(**given(arguments, model))
+        return model(**_values(arguments, model))
     except ValidationError as error:
         first = error.errors()[0]
         field = str(first["loc"][0])
@@ -120,7 +121,7 @@ def _options(arguments: argparse.Namespace, model: type[Options]) -> Options:
 
 
 def _load(path: Path) -> Weights:
-    """A weights file. Raises CorruptWeights or InvalidSpec, which name it."""
+    """Read a weights file. Raises CorruptWeights or InvalidSpec, which name the file."""
     try:
         return load(path.read_bytes())
     except HofError as error:
@@ -136,10 +137,10 @@ def _point_options(arguments: argparse.Namespace) -> tuple[PointFormat, PointOpt
 
 
 def _format(path: Path, formats: Mapping[str, Format]) -> Format:
-    """The format that a file's suffix tells. Raises InvalidParameter."""
+    """Return the format with the suffix of a file. Raises InvalidParameter."""
     suffixes = {fmt.extension: fmt for fmt in formats.values()}
     if path.suffix not in suffixes:
-        raise InvalidParameter(f"{path}: no format has the suffix {path.suffix!r}, only {', '.join(suffixes)}")
+        raise InvalidParameter(f"{path}: no format has the suffix {path.suffix!r}; use one of {', '.join(suffixes)}")
     return suffixes[path.suffix]
 
 
@@ -150,12 +151,12 @@ def _write_points(arguments: argparse.Namespace, spec: MappingSpec, functions: F
 
 
 def _write_sheet(arguments: argparse.Namespace, spec: MappingSpec, thetas: Sequence[Array]) -> None:
-    """A picture of the words over A and B, whose thetas these are, (spec.size,) each."""
+    """Draw the words over A and B; `thetas` are those of A and B, (spec.size,) each."""
     options = _options(arguments, PointOptions)
     if options.n > MAX_POINTS:
-        raise InvalidParameter(f"n is {options.n}, a picture shows at most {MAX_POINTS} points of a word", field="n")
+        raise InvalidParameter(f"n is {options.n}; a picture shows at most {MAX_POINTS} points per word", field="n")
     if options.scale != 1:
-        raise InvalidParameter("a picture has no scale", field="scale")
+        raise InvalidParameter(f"scale is {options.scale:g}; a picture has no scale, leave it out", field="scale")
 
     def points(word: str) -> Array:
         functions = tuple(thetas["AB".index(letter)] for letter in word)

@@ -1,4 +1,4 @@
-"""The `hof` command: serve, and the same encoding and sampling without a server."""
+"""The `hof` command: the HTTP service, and encoding, sampling and meshing without a server."""
 
 import argparse
 import sys
@@ -23,7 +23,7 @@ FAILED: Final = 2
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command. Returns the exit status; what went wrong is one line on stderr."""
+    """Run the command and return its exit status. An error is one line on stderr."""
     arguments = _parser().parse_args(argv)
     try:
         status: int | None = arguments.run(arguments)
@@ -43,7 +43,9 @@ def _fail(message: str) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="hof", description="A photo goes in; a function comes out.")
+    parser = argparse.ArgumentParser(
+        prog="hof", description="Turn a photo of an object into a small function that draws it in 3D."
+    )
     parser.add_argument("--version", action="version", version=f"hof {__version__}")
     stages = parser.add_subparsers(required=True, metavar="COMMAND")
 
@@ -55,56 +57,60 @@ def _parser() -> argparse.ArgumentParser:
     _add_settings(doctor)
     doctor.set_defaults(run=_doctor)
 
-    key = stages.add_parser("key", help="make an API key", description=_key.__doc__)
-    key.add_argument("name", help="whose it is, as the log shows it")
-    key.add_argument("--scope", choices=SCOPES, action="append", required=True, help="what it may do; repeatable")
+    key = stages.add_parser("key", help="create an API key", description=_key.__doc__)
+    key.add_argument("name", help="name of the key's holder, shown in the log")
+    key.add_argument("--scope", choices=SCOPES, action="append", required=True, help="permission; repeat for several")
     key.set_defaults(run=_key)
 
     _add_commands(stages)
 
-    openapi = stages.add_parser("openapi", help="the API's schema", description=_openapi.__doc__)
+    openapi = stages.add_parser("openapi", help="print the API's schema", description=_openapi.__doc__)
     openapi.set_defaults(run=_openapi)
     return parser
 
 
 def _add_commands(stages: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """What works on files alone: `service.cli.files`."""
-    encode = stages.add_parser("encode", help="a photo to points or weights", description=files.encode.__doc__)
+    """Add the commands that need no server (`service.cli.files`)."""
+    encode = stages.add_parser("encode", help="turn a photo into points or weights", description=files.encode.__doc__)
     encode.add_argument("photo", type=Path, help="PNG, JPEG or WebP")
     _add_output(encode, [*(fmt.extension for fmt in POINT_FORMATS.values()), WEIGHT_FORMATS["safetensors"].extension])
     _add_sampling(encode)
-    encode.add_argument("--background", choices=get_args(Background), help="as in the API; default: auto")
-    encode.add_argument("--foreground-ratio", type=float, help="as in the API; default: the model's")
+    encode.add_argument("--background", choices=get_args(Background), help="background removal; default: auto")
+    encode.add_argument(
+        "--foreground-ratio",
+        type=float,
+        help="share of the input that the object fills, 0.1 to 1; default: the model's",
+    )
     _add_settings(encode, only={"model", "matting_model", "threads"})
     encode.set_defaults(run=files.encode)
 
-    sample = stages.add_parser("sample", help="a weights file to points", description=files.sample.__doc__)
-    sample.add_argument("weights", type=Path, help="a .safetensors file of hof or of the service")
+    sample = stages.add_parser("sample", help="turn a weights file into points", description=files.sample.__doc__)
+    sample.add_argument("weights", type=Path, help="a .safetensors file of `hof encode` or of the service")
     _add_output(sample, [fmt.extension for fmt in POINT_FORMATS.values()])
     _add_sampling(sample)
     sample.set_defaults(run=files.sample)
 
-    mesh = stages.add_parser("mesh", help="a weights file to a surface", description=files.mesh.__doc__)
-    mesh.add_argument("weights", type=Path, help="a .safetensors file of hof or of the service")
+    mesh = stages.add_parser("mesh", help="turn a weights file into a surface", description=files.mesh.__doc__)
+    mesh.add_argument("weights", type=Path, help="a .safetensors file of `hof encode` or of the service")
     _add_output(mesh, [fmt.extension for fmt in MESH_FORMATS.values()])
     _add_fields(mesh, MeshOptions, ["resolution", "scale", "color"])
     mesh.set_defaults(run=files.mesh)
 
     compose = stages.add_parser(
-        "compose", help="weights files to points or a picture", description=files.compose.__doc__
+        "compose", help="compose weights files into points or a picture", description=files.compose.__doc__
     )
-    compose.add_argument("weights", type=Path, nargs="+", help="k .safetensors files of one spec")
+    compose.add_argument("weights", type=Path, nargs="+", help="k .safetensors files with the same spec")
     _add_output(compose, [*(fmt.extension for fmt in POINT_FORMATS.values()), files.PICTURE])
     _add_sampling(compose)
     compose.set_defaults(run=files.compose)
 
-    info = stages.add_parser("info", help="what a weights file holds", description=files.info.__doc__)
+    info = stages.add_parser("info", help="describe a weights file", description=files.info.__doc__)
     info.add_argument("weights", type=Path, help="a .safetensors file")
     info.set_defaults(run=files.info)
 
 
 def _add_settings(parser: argparse.ArgumentParser, only: set[str] | None = None) -> None:
-    """A flag for each field of Settings; pydantic parses and checks the values, the environment's too."""
+    """Add a flag for each field of Settings; pydantic parses and checks the values."""
     for name, field in Settings.model_fields.items():
         if only is None or name in only:
             default = "" if field.default_factory or field.default is None else f"; default: {field.default}"
@@ -136,14 +142,14 @@ def _add_fields(parser: argparse.ArgumentParser, model: type[BaseModel], names: 
 
 def _serve(arguments: argparse.Namespace) -> None:
     """Serve the API. Each flag has an environment variable, in brackets."""
-    from service.server.serve import serve  # not needed by the other commands, which should start fast
+    from service.server.serve import serve  # imported here so that the other commands start fast
 
     serve(files.settings_of(arguments))
 
 
 def _doctor(arguments: argparse.Namespace) -> int:
-    """Check what `hof serve` needs, a line each. Exits with 1 where it would not run."""
-    from service.cli.doctor import examine  # not needed by the other commands
+    """Check what `hof serve` needs, one line per check. The exit status is 1 if the service would not run."""
+    from service.cli.doctor import examine
 
     failed = False
     for finding in examine(files.settings_of(arguments)):
@@ -153,15 +159,15 @@ def _doctor(arguments: argparse.Namespace) -> int:
 
 
 def _key(arguments: argparse.Namespace) -> None:
-    """Make an API key: its line for the keys file goes to stdout, the key itself, this once, to stderr."""
+    """Create an API key. Its line for the keys file goes to stdout, the key itself to stderr; it is not shown again."""
     token, key = make_key(arguments.name, frozenset(arguments.scope))
-    print(f"hof: the key, which is shown this once: {token}", file=sys.stderr)
+    print(f"hof: the key, which is not shown again: {token}", file=sys.stderr)
     print(key.line)
 
 
 def _openapi(arguments: argparse.Namespace) -> None:
-    """Print the API's schema: openapi.json."""
-    from service.api.app import create_app  # not needed by the other commands
+    """Print the API's schema (openapi.json)."""
+    from service.api.app import create_app
     from service.api.openapi import openapi_text
 
     sys.stdout.write(openapi_text(create_app(Settings())))

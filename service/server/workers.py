@@ -23,6 +23,11 @@ class Worker(Process):
             self._server = Server(self.config)
         return self._server
 
+    def start(self) -> None:
+        """Start the process. Its end of the pipe is closed here: if it dies, a health check ends at once."""
+        super().start()
+        self.child_conn.close()
+
 
 class Supervisor(Multiprocess):
     """Uvicorn's supervisor with workers of our class.

@@ -1,3 +1,5 @@
+"""Settings: defaults, environment variables, and refused values."""
+
 from pathlib import Path
 
 import pytest
@@ -13,7 +15,7 @@ def _no_environment(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.delenv(f"HOF_{name.upper()}", raising=False)
 
 
-def test_defaults_serve_this_machine_only_with_the_shipped_model_and_a_private_store() -> None:
+def test_settings_by_default_serve_this_machine_with_the_shipped_model() -> None:
     settings = Settings()
     assert (settings.host, settings.port) == ("127.0.0.1", 8080)
     assert settings.model[0] == Path(module.__file__).parents[1] / "model" / "weights" / "hof1-k2.onnx"
@@ -27,30 +29,32 @@ def test_defaults_serve_this_machine_only_with_the_shipped_model_and_a_private_s
         None,
         None,
     )
-    assert settings.log_format == "json"  # where stderr is no terminal
+    assert settings.log_format == "json"  # stderr is not a terminal here
 
 
-def test_every_shipped_model_is_loaded_the_default_one_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_settings_by_default_load_every_shipped_model_the_default_one_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for name in ("z.onnx", "hof1-k2.onnx", "a.onnx", "README.md"):
         (tmp_path / name).touch()
     monkeypatch.setattr(module, "SHIPPED_MODEL", tmp_path / "hof1-k2.onnx")
     assert [path.name for path in Settings().model] == ["hof1-k2.onnx", "a.onnx", "z.onnx"]
 
 
-def test_models_are_cut_at_commas_in_the_environment_only(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_settings_model_is_split_at_commas_in_the_environment_only(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HOF_MODEL", "a.onnx, b c.onnx,")
     assert Settings().model == (Path("a.onnx"), Path("b c.onnx"))
     assert Settings.model_validate({"model": ["a,b.onnx"]}).model == (Path("a,b.onnx"),)
 
 
-def test_the_matting_model_is_looked_for_where_rembg_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_settings_matting_model_defaults_to_u2net_home(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("U2NET_HOME", "/models")
     assert Settings().matting_model == Path("/models/u2netp.onnx")
     monkeypatch.setenv("HOF_MATTING_MODEL", "other.onnx")
     assert Settings().matting_model == Path("other.onnx")
 
 
-def test_environment_sets_every_field(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_settings_from_the_environment_set_every_field(monkeypatch: pytest.MonkeyPatch) -> None:
     values = {
         "host": "0.0.0.0",
         "port": 9,
@@ -81,7 +85,7 @@ def test_environment_sets_every_field(monkeypatch: pytest.MonkeyPatch) -> None:
     assert Settings().model_dump() == values
 
 
-def test_arguments_win_over_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_settings_from_arguments_override_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HOF_PORT", "9")
     assert Settings(port=10).port == 10
 
@@ -103,7 +107,7 @@ def test_arguments_win_over_the_environment(monkeypatch: pytest.MonkeyPatch) -> 
         ("hots", 1),
     ],
 )
-def test_bad_values_are_refused(name: str, value: object) -> None:
+def test_settings_with_invalid_values_are_refused(name: str, value: object) -> None:
     with pytest.raises(ValidationError, match=name):
         Settings.model_validate({name: value})
 
@@ -111,7 +115,7 @@ def test_bad_values_are_refused(name: str, value: object) -> None:
 @pytest.mark.parametrize(
     ("quota", "expected"), [("150000 100000\n", 2), ("1000 100000\n", 1), ("max 100000\n", 8), ("", 8)]
 )
-def test_cpus_are_cut_by_a_quota(monkeypatch: pytest.MonkeyPatch, quota: str, expected: int) -> None:
+def test_available_cpus_with_a_quota_are_limited(monkeypatch: pytest.MonkeyPatch, quota: str, expected: int) -> None:
     monkeypatch.setattr("os.sched_getaffinity", lambda _: set(range(8)))
     monkeypatch.setattr(Path, "read_text", lambda *_: quota)
     assert available_cpus() == expected

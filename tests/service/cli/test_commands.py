@@ -1,4 +1,4 @@
-"""The `hof` command: the service's code without a server."""
+"""The `hof` command: offline commands give what the service gives; flags and errors."""
 
 import json
 from functools import partial
@@ -32,14 +32,14 @@ def here(tmp_path: Path, model_path: Path, photo: bytes, monkeypatch: pytest.Mon
 
 
 @pytest.mark.parametrize("name", POINT_FORMATS)
-def test_encode_writes_the_file_that_the_service_serves(here: Path, client: httpx.Client, name: str) -> None:
+def test_encode_writes_the_bytes_that_the_service_serves(here: Path, client: httpx.Client, name: str) -> None:
     assert main(["encode", "photo.png", "-o", f"out.{name}", "--n", "5000", "--seed", "3", "--scale", "2"]) == 0
     link = client.post("/encode", content=(here / "photo.png").read_bytes()).json()["links"]["points"]
     served = client.get(link, params={"n": 5000, "seed": 3, "scale": 2, "format": name})
     assert (here / f"out.{name}").read_bytes() == served.content
 
 
-def test_encode_writes_weights_and_sample_gives_the_same_points(here: Path) -> None:
+def test_sample_of_encoded_weights_equals_encoded_points(here: Path) -> None:
     assert main(["encode", "photo.png", "-o", "out.safetensors"]) == 0
     assert main(["sample", "out.safetensors", "-o", "sampled.npy", "--n", "100"]) == 0
     assert main(["encode", "photo.png", "-o", "encoded.npy", "--n", "100"]) == 0
@@ -47,7 +47,7 @@ def test_encode_writes_weights_and_sample_gives_the_same_points(here: Path) -> N
     assert (here / "sampled.npy").read_bytes() == (here / "encoded.npy").read_bytes()
 
 
-def test_options_of_encode_reach_the_framing(here: Path) -> None:
+def test_encode_with_framing_options_changes_theta(here: Path) -> None:
     options: list[list[str]] = [[], ["--background", "keep"], ["--foreground-ratio", "0.5"]]
     for index, extra in enumerate(options):
         assert main(["encode", "photo.png", "-o", f"{index}.safetensors", *extra]) == 0
@@ -55,7 +55,7 @@ def test_options_of_encode_reach_the_framing(here: Path) -> None:
     assert len(set(thetas)) == 3
 
 
-def test_encode_takes_matting_where_u2net_home_tells(
+def test_encode_with_u2net_home_removes_the_background(
     here: Path, u2net_home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     photo = str(Path(__file__).parents[3] / "demo" / "coffee.jpg")
@@ -67,21 +67,21 @@ def test_encode_takes_matting_where_u2net_home_tells(
     assert np.abs(thetas[0] - thetas[1]).max() > 1e-3
 
 
-def test_info_tells_what_a_weights_file_holds(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_info_of_a_weights_file_prints_model_spec_and_size(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     main(["encode", "photo.png", "-o", "out.safetensors"])
     assert main(["info", "out.safetensors"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert (told["model"], told["spec"]["k"], told["size"]) == ("tiny-k2", 2, 115)
+    summary = json.loads(capsys.readouterr().out)
+    assert (summary["model"], summary["spec"]["k"], summary["size"]) == ("tiny-k2", 2, 115)
 
 
 def _two_objects(here: Path) -> list[Path]:
-    for name, colour in (("a", "red"), ("b", "green")):
-        (here / f"{name}.png").write_bytes(image_file(disc(colour)))
+    for name, color in (("a", "red"), ("b", "green")):
+        (here / f"{name}.png").write_bytes(image_file(disc(color)))
         assert main(["encode", f"{name}.png", "-o", f"{name}.safetensors"]) == 0
     return [here / "a.safetensors", here / "b.safetensors"]
 
 
-def test_compose_writes_the_points_that_the_service_gives(here: Path, client: httpx.Client) -> None:
+def test_compose_writes_the_points_that_the_service_serves(here: Path, client: httpx.Client) -> None:
     ids = [client.post("/objects", content=path.read_bytes()).json()["id"] for path in _two_objects(here)]
     links = client.post("/compose", json={"objects": ids}).json()["links"]
     for suffix in ("ply", "glb"):
@@ -94,7 +94,7 @@ def test_compose_writes_the_points_that_the_service_gives(here: Path, client: ht
     assert (here / "ab.ply").read_bytes() != (here / "ba.ply").read_bytes()
 
 
-def test_a_composed_objects_weights_are_sampled_and_told(
+def test_sample_and_info_of_composed_weights_use_the_word(
     here: Path, client: httpx.Client, capsys: pytest.CaptureFixture[str]
 ) -> None:
     ids = [client.post("/objects", content=path.read_bytes()).json()["id"] for path in _two_objects(here)]
@@ -110,7 +110,7 @@ def test_a_composed_objects_weights_are_sampled_and_told(
 
 
 @pytest.mark.parametrize("name", MESH_FORMATS)
-def test_mesh_writes_the_surface_that_the_service_gives(here: Path, client: httpx.Client, name: str) -> None:
+def test_mesh_writes_the_surface_that_the_service_serves(here: Path, client: httpx.Client, name: str) -> None:
     assert main(["encode", "photo.png", "-o", "object.safetensors"]) == 0
     assert main(["mesh", "object.safetensors", "-o", f"object.{name}", "--resolution", "8", "--scale", "2"]) == 0
     links = client.post("/objects", content=(here / "object.safetensors").read_bytes()).json()["links"]
@@ -118,7 +118,7 @@ def test_mesh_writes_the_surface_that_the_service_gives(here: Path, client: http
     assert (here / f"object.{name}").read_bytes() == served.content
 
 
-def test_compose_refuses_what_makes_no_word(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_compose_of_files_that_form_no_word_is_refused(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     _two_objects(here)
     spec = MappingSpec("tiny", 3, (16,), 3, k=3)
     (here / "c.safetensors").write_bytes(dump(Weights(spec, initial_theta(spec), "m"), "safetensors"))
@@ -160,10 +160,16 @@ def test_openapi_prints_the_committed_schema(capsys: pytest.CaptureFixture[str])
         ("compose photo.png photo.png -o out.ply", "hof: photo.png: "),
         ("compose photo.png -o out.stl", "no format has the suffix"),
         ("compose a.safetensors -o out.png", "all words are those of two objects, not 1"),
-        ("compose a.safetensors a.safetensors -o out.png --n 100001", "a picture shows at most 100000 points"),
-        ("compose a.safetensors a.safetensors -o out.png --scale 2", "a picture has no scale"),
+        (
+            "compose a.safetensors a.safetensors -o out.png --n 100001",
+            "n is 100001; a picture shows at most 100000 points per word",
+        ),
+        ("compose a.safetensors a.safetensors -o out.png --scale 2", "scale is 2; a picture has no scale"),
         ("sample photo.png -o out.safetensors", "no format has the suffix"),
-        ("mesh photo.png -o out.npy", "out.npy: no format has the suffix '.npy', only .glb, .gltf, .obj, .stl, .ply"),
+        (
+            "mesh photo.png -o out.npy",
+            "out.npy: no format has the suffix '.npy'; use one of .glb, .gltf, .obj, .stl, .ply",
+        ),
         ("mesh photo.png -o out.stl", "hof: photo.png: "),
         ("mesh photo.png -o out.stl --resolution 1000", "resolution: "),
         ("info photo.png", "hof: photo.png: "),
@@ -187,7 +193,7 @@ def test_openapi_prints_the_committed_schema(capsys: pytest.CaptureFixture[str])
         ("serve --database-url postgresql://u:secret@127.0.0.1:1/x", "cannot open the database postgresql://u:***@"),
     ],
 )
-def test_errors_are_one_line_and_leave_no_file(
+def test_hof_with_wrong_arguments_prints_one_line_and_writes_no_file(
     here: Path, capsys: pytest.CaptureFixture[str], command: str, message: str
 ) -> None:
     (here / "text.png").write_text("no image")
@@ -213,7 +219,7 @@ def test_encode_with_an_option_out_of_range_names_field_limit_and_value(
     assert capsys.readouterr().err == "hof: n: Input should be less than or equal to 10000000, not '10000001'\n"
 
 
-def test_a_write_that_fails_leaves_the_old_file(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_encode_with_a_failing_write_keeps_the_old_file(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (here / "out.ply").write_text("old")
 
     def broken(*_: object) -> object:
@@ -227,7 +233,7 @@ def test_a_write_that_fails_leaves_the_old_file(here: Path, monkeypatch: pytest.
     assert (here / "out.ply").read_text() == "old"
 
 
-def test_every_setting_is_a_flag_of_serve(
+def test_serve_with_all_flags_sets_every_setting(
     monkeypatch: pytest.MonkeyPatch, model_path: Path, u2net_home: Path, tmp_path: Path
 ) -> None:
     values = {
@@ -257,8 +263,8 @@ def test_every_setting_is_a_flag_of_serve(
     }
     (tmp_path / "keys").write_text(make_key("a", frozenset({"read"}))[1].line)
     assert values.keys() == Settings.model_fields.keys()
-    seen: list[Settings] = []
-    monkeypatch.setattr("service.api.app.create_app", seen.append)
+    passed: list[Settings] = []
+    monkeypatch.setattr("service.api.app.create_app", passed.append)
 
     def run(stopped: Server) -> None:
         assert isinstance(stopped.config.app, partial)
@@ -266,13 +272,13 @@ def test_every_setting_is_a_flag_of_serve(
         stopped.started = True
 
     monkeypatch.setattr(Server, "run", run)
-    given = [(name, one) for name, value in values.items() for one in (value if isinstance(value, tuple) else [value])]
-    flags = [part for name, value in given for part in (f"--{name.replace('_', '-')}", str(value))]
+    pairs = [(name, one) for name, value in values.items() for one in (value if isinstance(value, tuple) else [value])]
+    flags = [part for name, value in pairs for part in (f"--{name.replace('_', '-')}", str(value))]
     assert main(["serve", *flags]) == 0
-    assert seen[0].model_dump() == values
+    assert passed[0].model_dump() == values
 
 
-def test_serve_help_names_flags_variables_and_defaults(capsys: pytest.CaptureFixture[str]) -> None:
+def test_serve_help_shows_flags_variables_and_defaults(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit, match="0"):
         main(["serve", "--help"])
     text = " ".join(capsys.readouterr().out.split())
@@ -280,7 +286,7 @@ def test_serve_help_names_flags_variables_and_defaults(capsys: pytest.CaptureFix
     assert "default: 20971520 [HOF_MAX_IMAGE_BYTES]" in text
 
 
-def test_no_command_is_a_usage_error(capsys: pytest.CaptureFixture[str]) -> None:
+def test_hof_without_a_command_is_a_usage_error(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit, match="2"):
         main([])
     assert "COMMAND" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""Request heads, byte for byte over a raw socket: how large they may be, and how long they may take."""
+"""Request heads, sent byte for byte over a raw socket: limits of size and time."""
 
 import contextlib
 import json
@@ -23,14 +23,14 @@ FILLER = b"a: " + bytes(1_019).replace(b"\0", b"b") + b"\r\n"  # 1 KiB
 
 
 @pytest.fixture
-def hasty(settings: Settings) -> Iterator[Server]:
-    """A server that waits for its clients half a second."""
+def impatient(settings: Settings) -> Iterator[Server]:
+    """Run a server that waits half a second for its clients."""
     with running(settings.model_copy(update={"client_timeout_s": 0.5})) as server:
         yield server
 
 
 def check_problem(answer: bytes, status: int, title: str) -> None:
-    """A whole answer with a problem, which ends the connection."""
+    """Check that an answer is a complete problem document and ends the connection."""
     head, _, body = answer.partition(b"\r\n\r\n")
     first, *fields = head.decode().split("\r\n")
     headers = dict(field.split(": ") for field in fields)
@@ -51,23 +51,23 @@ def check_problem(answer: bytes, status: int, title: str) -> None:
     ],
     ids=["fields", "target", "empty fields"],
 )
-def test_a_head_over_the_limit_is_told_so(server: Server, head: bytes) -> None:
+def test_head_over_the_limit_is_431(server: Server, head: bytes) -> None:
     with connect(server) as connection:
         connection.sendall(head)
         check_problem(rest(connection), 431, "Head too large")
 
 
 @pytest.mark.parametrize("begin", [LINE + b"a: ", LINE, LINE.partition(b" HTTP")[0] + b"?", b""])
-def test_a_head_without_an_end_is_cut_off(server: Server, begin: bytes) -> None:
+def test_head_without_an_end_is_cut_off(server: Server, begin: bytes) -> None:
     sent = 0
     with connect(server) as connection, contextlib.suppress(ConnectionError):  # the server hangs up
         connection.sendall(begin)
         while sent < 1_000 * MAX_HEAD_BYTES:
             sent += connection.send(bytes(10_000).replace(b"\0", b"a"))
-    assert sent < 100 * MAX_HEAD_BYTES  # what the sockets' buffers hold, and the limit
+    assert sent < 100 * MAX_HEAD_BYTES  # the limit, and what the sockets' buffers hold
 
 
-def test_a_head_of_the_limit_is_answered(client: httpx.Client) -> None:
+def test_head_of_exactly_the_limit_is_answered(client: httpx.Client) -> None:
     fields = client.build_request("GET", "/health/live", headers={"a": ""}).headers.raw
     others = len("/health/live") + sum(len(name) + len(value) + PUNCTUATION for name, value in fields)
     for excess, status in ((0, 200), (1, 431)):
@@ -75,33 +75,33 @@ def test_a_head_of_the_limit_is_answered(client: httpx.Client) -> None:
         assert client.get("/health/live", headers=headers).status_code == status
 
 
-def test_each_request_of_a_connection_has_the_whole_limit(server: Server) -> None:
+def test_head_of_each_request_of_a_connection_has_the_whole_limit(server: Server) -> None:
     with connect(server) as connection:
         for _ in range(3):
             connection.sendall(LINE + 60 * FILLER + b"\r\n")
             assert next_status(connection) == 200
 
 
-def test_trailers_count_as_the_head_does(server: Server) -> None:
+def test_trailers_over_the_limit_are_431(server: Server) -> None:
     with connect(server) as connection:
         connection.sendall(b"POST /encode HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n" + 65 * FILLER)
         check_problem(rest(connection), 431, "Head too large")
 
 
-@pytest.mark.parametrize("said", [b"", LINE, LINE + b"a: b", b"\r\n\r\n"])
-def test_a_head_that_does_not_end_in_time_ends_the_connection(hasty: Server, said: bytes) -> None:
-    with connect(hasty) as connection:
-        connection.sendall(said)
+@pytest.mark.parametrize("data", [b"", LINE, LINE + b"a: b", b"\r\n\r\n"])
+def test_head_that_is_too_slow_ends_the_connection(impatient: Server, data: bytes) -> None:
+    with connect(impatient) as connection:
+        connection.sendall(data)
         answer = rest(connection)
-    if said.strip():
+    if data.strip():
         check_problem(answer, 408, "Stalled")
     else:
         assert answer == b""
 
 
-def test_a_head_that_drips_does_not_gain_time(hasty: Server) -> None:
+def test_head_that_drips_gains_no_time(impatient: Server) -> None:
     deadline = time.monotonic() + DEADLINE_S
-    with connect(hasty) as connection:
+    with connect(impatient) as connection:
         connection.sendall(LINE)
         with contextlib.suppress(ConnectionError):  # the server hangs up
             while time.monotonic() < deadline:
@@ -110,27 +110,27 @@ def test_a_head_that_drips_does_not_gain_time(hasty: Server) -> None:
     assert time.monotonic() < deadline
 
 
-@pytest.mark.parametrize("said", [b"\r\n", b"G", LINE])
-def test_a_connection_that_was_answered_is_not_kept_by_a_few_bytes(hasty: Server, said: bytes) -> None:
-    hasty.config.timeout_keep_alive = 1
-    with connect(hasty) as connection:
+@pytest.mark.parametrize("data", [b"\r\n", b"G", LINE])
+def test_connection_after_an_answer_is_not_kept_open_by_a_few_bytes(impatient: Server, data: bytes) -> None:
+    impatient.config.timeout_keep_alive = 1
+    with connect(impatient) as connection:
         connection.sendall(LINE + b"\r\n")
         assert next_status(connection) == 200
-        connection.sendall(said)
+        connection.sendall(data)
         answer = rest(connection)
-    assert answer.startswith(b"HTTP/1.1 408 ") or not said.strip()
+    assert answer.startswith(b"HTTP/1.1 408 ") or not data.strip()
 
 
 @pytest.mark.parametrize(
-    "said", [b"\0\1\2\3\r\n\r\n", b"GET\r\n\r\n", b"GET / HTTP/1.1\r\na b\r\n\r\n", b"\x16\x03\x01"]
+    "data", [b"\0\1\2\3\r\n\r\n", b"GET\r\n\r\n", b"GET / HTTP/1.1\r\na b\r\n\r\n", b"\x16\x03\x01"]
 )
-def test_what_is_no_http_is_a_problem(server: Server, said: bytes) -> None:
+def test_bytes_that_are_not_http_are_400(server: Server, data: bytes) -> None:
     with connect(server) as connection:
-        connection.sendall(said)
+        connection.sendall(data)
         check_problem(rest(connection), 400, "Invalid input")
 
 
-def test_what_follows_a_request_does_not_break_into_its_answer(server: Server, client: httpx.Client) -> None:
+def test_bytes_after_a_request_do_not_corrupt_its_answer(server: Server, client: httpx.Client) -> None:
     expected = client.get("/openapi.json").content
     with connect(server) as connection:
         connection.sendall(b"GET /openapi.json HTTP/1.1\r\nHost: x\r\n\r\n\0")
@@ -138,7 +138,7 @@ def test_what_follows_a_request_does_not_break_into_its_answer(server: Server, c
     assert answer == b"" or answer.endswith(expected)
 
 
-def test_requests_that_do_not_wait_for_the_answer_are_dropped_with_the_connection(server: Server) -> None:
+def test_pipelined_requests_are_dropped_with_the_connection(server: Server) -> None:
     with connect(server) as connection:
         connection.sendall(1_000 * (LINE + b"\r\n"))
         answer = rest(connection)
@@ -146,7 +146,7 @@ def test_requests_that_do_not_wait_for_the_answer_are_dropped_with_the_connectio
     assert answer.count(b"HTTP/1.1 ") == 1
 
 
-def test_a_client_that_asks_twice_and_leaves_is_noticed(server: Server, photo: bytes) -> None:
+def test_client_that_pipelines_and_leaves_is_noticed(server: Server, photo: bytes) -> None:
     gate = runtime_of(server).gates.points
     object_id = httpx.post(f"http://127.0.0.1:{server.port}/encode", content=photo, timeout=DEADLINE_S).json()["id"]
     with connect(server) as connection:
@@ -157,7 +157,7 @@ def test_a_client_that_asks_twice_and_leaves_is_noticed(server: Server, photo: b
     assert (gate.held, gate.finished) == (0, 0)
 
 
-def test_hof_serve_bounds_heads_too(model_path: Path, tmp_path: Path) -> None:
+def test_hof_serve_limits_heads_and_logs_the_refusals(model_path: Path, tmp_path: Path) -> None:
     with hof_serve(tmp_path, model_path, "--client-timeout-s", "0.5") as (url, _):
         assert httpx.get(f"{url}/health/live", headers={"a": "b" * MAX_HEAD_BYTES}).status_code == 431
         with socket.create_connection(
@@ -165,5 +165,5 @@ def test_hof_serve_bounds_heads_too(model_path: Path, tmp_path: Path) -> None:
         ) as connection:
             connection.sendall(LINE)
             check_problem(rest(connection), 408, "Stalled")
-    told = [json.loads(line) for line in (tmp_path / "log").read_text().splitlines() if "no request" in line]
-    assert [(line["status"], line["client"]) for line in told] == [(431, "127.0.0.1"), (408, "127.0.0.1")]
+    entries = [json.loads(line) for line in (tmp_path / "log").read_text().splitlines() if "no request" in line]
+    assert [(line["status"], line["client"]) for line in entries] == [(431, "127.0.0.1"), (408, "127.0.0.1")]

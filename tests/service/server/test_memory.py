@@ -1,4 +1,4 @@
-"""In every process that serves, threads allocate from one arena, and no collection looks at what the start made."""
+"""Memory of every serving process: one arena for all threads; collections skip startup objects."""
 
 import time
 from pathlib import Path
@@ -9,27 +9,27 @@ import pytest
 from tests.support import ROOT
 from tests.support.processes import hof_serve
 
-ARENA = 64 * 2**20  # bytes of addresses that glibc reserves for one, aligned to them: some in use, the rest barred
+ARENA = 64 * 2**20  # bytes of address space that glibc reserves for an arena, aligned: the rest of it is inaccessible
 
 
 def arenas(pid: int) -> int:
-    """How many arenas a process has beside the first."""
-    used: set[tuple[int, int]] = set()
-    barred: set[tuple[int, int]] = set()
+    """Count the arenas of a process, without the first."""
+    accessible: set[tuple[int, int]] = set()
+    reserved: set[tuple[int, int]] = set()
     for line in Path(f"/proc/{pid}/maps").read_text().splitlines():
         region, rights, *_ = line.split()
         start, end = (int(address, 16) for address in region.split("-"))
-        {"rw-p": used, "---p": barred}.get(rights, set()).add((start, end))
-    return sum(start % ARENA == 0 and (end, start + ARENA) in barred for start, end in used)
+        {"rw-p": accessible, "---p": reserved}.get(rights, set()).add((start, end))
+    return sum(start % ARENA == 0 and (end, start + ARENA) in reserved for start, end in accessible)
 
 
 def processes(pid: int) -> list[int]:
-    """A process and its children."""
+    """Return a process and its children."""
     children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
     return [pid, *map(int, children)]
 
 
-def use(url: str, photo: bytes) -> None:
+def send_work(url: str, photo: bytes) -> None:
     with httpx.Client(base_url=url) as client:
         for _ in range(4):
             path = client.post("/encode", content=photo).raise_for_status().json()["links"]["self"]
@@ -37,15 +37,17 @@ def use(url: str, photo: bytes) -> None:
 
 
 @pytest.mark.parametrize("flags", [(), ("--workers", "2")])
-def test_threads_share_one_arena(flags: tuple[str, ...], model_path: Path, photo: bytes, tmp_path: Path) -> None:
+def test_serve_by_default_uses_one_arena_for_all_threads(
+    flags: tuple[str, ...], model_path: Path, photo: bytes, tmp_path: Path
+) -> None:
     with hof_serve(tmp_path, model_path, *flags) as (url, process):
-        use(url, photo)
+        send_work(url, photo)
         assert [arenas(pid) for pid in processes(process.pid)] == [0] * len(processes(process.pid))
 
 
-def test_who_sets_the_number_of_arenas_is_left_alone(model_path: Path, photo: bytes, tmp_path: Path) -> None:
+def test_serve_with_malloc_arena_max_set_keeps_the_users_number(model_path: Path, photo: bytes, tmp_path: Path) -> None:
     with hof_serve(tmp_path, model_path, MALLOC_ARENA_MAX="8") as (url, process):
-        use(url, photo)
+        send_work(url, photo)
         assert arenas(process.pid) > 0
 
 
@@ -60,13 +62,13 @@ gc.callbacks.append(note)
 
 
 @pytest.mark.parametrize(("flags", "serving"), [((), 1), (("--workers", "2"), 2)])
-def test_full_collections_leave_out_what_the_start_made(
+def test_full_collection_after_startup_skips_startup_objects(
     flags: tuple[str, ...], serving: int, model_path: Path, photo: bytes, tmp_path: Path
 ) -> None:
     (tmp_path / "sitecustomize.py").write_text(AFTER_FULL_COLLECTIONS.format(folder=tmp_path))
     end, kept = time.monotonic() + 60, 0
     with hof_serve(tmp_path, model_path, *flags, PYTHONPATH=f"{tmp_path}:{ROOT}") as (url, _):
-        use(url, photo)
+        send_work(url, photo)
         while kept < serving and time.monotonic() < end:
             counts = [int(path.read_text() or 0) for path in tmp_path.glob("*.frozen")]
             kept = sum(count > 100_000 for count in counts)

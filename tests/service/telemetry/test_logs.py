@@ -1,4 +1,4 @@
-"""The log and the traces of a real process: what they tell, and what they never do."""
+"""The log and the traces of a real process: one line and one span per request, and no secrets."""
 
 import json
 import signal
@@ -18,12 +18,12 @@ from tests.support.processes import hof_serve
 
 @contextmanager
 def collector() -> Iterator[tuple[str, list[tuple[str, bytes]]]]:
-    """An OpenTelemetry collector that keeps what it is sent: its address, and (path, body) of each call."""
-    taken: list[tuple[str, bytes]] = []
+    """Run an OpenTelemetry collector; yield its address and the (path, body) of each call that it receives."""
+    received: list[tuple[str, bytes]] = []
 
     class Collector(BaseHTTPRequestHandler):
         def do_POST(self) -> None:
-            taken.append((self.path, self.rfile.read(int(self.headers["Content-Length"]))))
+            received.append((self.path, self.rfile.read(int(self.headers["Content-Length"]))))
             self.send_response(200)
             self.end_headers()
 
@@ -33,7 +33,7 @@ def collector() -> Iterator[tuple[str, list[tuple[str, bytes]]]]:
         thread = threading.Thread(target=server.serve_forever)
         thread.start()
         try:
-            yield f"http://127.0.0.1:{server.server_port}", taken
+            yield f"http://127.0.0.1:{server.server_port}", received
         finally:
             server.shutdown()
             thread.join()
@@ -43,7 +43,9 @@ def _lines(folder: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in (folder / "log").read_text().splitlines()]
 
 
-def test_a_line_a_request_and_a_span_a_request_but_no_secret(model_path: Path, tmp_path: Path, photo: bytes) -> None:
+def test_logs_and_traces_of_requests_have_one_entry_each_and_no_secret(
+    model_path: Path, tmp_path: Path, photo: bytes
+) -> None:
     token, key = make_key("shop", frozenset({"read", "write"}))
     (tmp_path / "keys").write_text(key.line)
     with (
@@ -80,9 +82,9 @@ def test_a_line_a_request_and_a_span_a_request_but_no_secret(model_path: Path, t
     assert traced
     assert {line["request_id"] for line in traced} == {"fault"}
     assert all("no such table" in line["trace"] for line in traced)
-    told = (tmp_path / "log").read_text()
-    assert token not in told
-    assert "s3cret" not in told
+    log = (tmp_path / "log").read_text()
+    assert token not in log
+    assert "s3cret" not in log
     assert {path for path, _ in spans} == {"/v1/traces"}
     sent = b"".join(body for _, body in spans)
     assert b"GET /objects/{id}" in sent
@@ -90,7 +92,7 @@ def test_a_line_a_request_and_a_span_a_request_but_no_secret(model_path: Path, t
     assert token.encode() not in sent
 
 
-def test_text_is_a_line_a_request_too(model_path: Path, tmp_path: Path) -> None:
+def test_text_log_of_a_request_is_one_line(model_path: Path, tmp_path: Path) -> None:
     with hof_serve(tmp_path, model_path, HOF_LOG_FORMAT="text") as (url, _):
         httpx.get(f"{url}/a%0Ab", headers={"X-Request-ID": "mine"})
     (line,) = [line for line in (tmp_path / "log").read_text().splitlines() if "request_id=mine" in line]

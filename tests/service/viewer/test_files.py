@@ -1,4 +1,4 @@
-"""The page's files: their headers, what they name, and what is told where the bundle is missing."""
+"""The page's files: headers, references, and the answer if the bundle is missing."""
 
 import re
 from pathlib import Path
@@ -20,7 +20,7 @@ OWN_FILES = [
 INDEX = (viewer.STATIC / "index.html").read_text("utf-8")
 
 
-def test_the_page_is_served_to_be_kept_and_to_load_nothing_from_elsewhere(client: httpx.Client) -> None:
+def test_page_is_cacheable_and_loads_nothing_from_elsewhere(client: httpx.Client) -> None:
     answer = client.get("/")
     assert answer.headers["content-type"] == "text/html; charset=utf-8"
     assert answer.headers["cache-control"] == "no-cache"
@@ -44,7 +44,7 @@ def test_the_page_is_served_to_be_kept_and_to_load_nothing_from_elsewhere(client
         ("bundle/photos/chair.png", "image/png"),
     ],
 )
-def test_files_have_their_types(client: httpx.Client, name: str, media_type: str) -> None:
+def test_static_file_has_its_media_type_and_an_etag(client: httpx.Client, name: str, media_type: str) -> None:
     answer = client.get(f"/viewer/{name}")
     assert (answer.status_code, answer.headers["content-type"]) == (200, media_type)
     assert answer.headers["cache-control"] == "no-cache"
@@ -52,20 +52,20 @@ def test_files_have_their_types(client: httpx.Client, name: str, media_type: str
     assert client.get(f"/viewer/{name}", headers={"If-None-Match": answer.headers["etag"]}).status_code == 304
 
 
-def test_large_files_are_compressed(client: httpx.Client) -> None:
+def test_static_file_that_is_large_is_compressed(client: httpx.Client) -> None:
     answer = client.get("/viewer/bundle/three/three.core.min.js", headers={"Accept-Encoding": "gzip"})
     assert answer.headers["content-encoding"] == "gzip"
     assert "Accept-Encoding" in answer.headers["vary"]
 
 
-def test_only_files_of_the_page_are_served(client: httpx.Client) -> None:
+def test_static_path_outside_the_page_is_404(client: httpx.Client) -> None:
     for path in ("/viewer/no.js", "/viewer/", "/viewer/%2e%2e/package.json", "/viewer/%2e%2e/%2e%2e/app.py"):
         answer = client.get(path)
         assert (answer.status_code, answer.headers["content-type"]) == (404, "application/problem+json"), path
     assert client.post("/").status_code == client.post("/viewer/js/main.js").status_code == 405
 
 
-def test_everything_that_a_page_names_is_there(client: httpx.Client) -> None:
+def test_static_files_refer_only_to_existing_files(client: httpx.Client) -> None:
     for path in OWN_FILES:
         text = path.read_text("utf-8")
         absolute = ["".join(pair) for pair in re.findall(r'(?:src|href)="(/[^"]+)"|"(/viewer/[^"]+)"', text)]
@@ -76,13 +76,13 @@ def test_everything_that_a_page_names_is_there(client: httpx.Client) -> None:
         assert not re.search(r"https?://(?!www\.w3\.org/2000/svg)", text), path.name
 
 
-def test_the_licences_are_beside_what_is_bundled() -> None:
+def test_bundle_contains_the_licenses() -> None:
     assert "MIT" in (viewer.BUNDLE / "three" / "LICENSE").read_text("utf-8")
     assert "Apache License" in (viewer.BUNDLE / "swagger-ui" / "LICENSE").read_text("utf-8")
 
 
 @pytest.mark.parametrize("path", ["/", "/docs"])
-def test_where_the_bundle_is_missing_the_page_says_so_and_the_api_works(
+def test_page_without_a_bundle_is_404_and_the_api_works(
     client: httpx.Client, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, path: str
 ) -> None:
     monkeypatch.setattr(viewer, "BUNDLE", tmp_path / "bundle")
@@ -91,7 +91,7 @@ def test_where_the_bundle_is_missing_the_page_says_so_and_the_api_works(
     assert client.get("/objects").status_code == 200
 
 
-def test_the_page_saves_every_format() -> None:
+def test_page_offers_every_format() -> None:
     groups = dict(re.findall(r'<optgroup [^>]*data-of="(\w+)">(.*?)</optgroup>', INDEX, re.DOTALL))
     values = {name: set(re.findall(r'value="(\w+)"', group)) for name, group in groups.items()}
     assert values == {"points": set(POINT_FORMATS), "mesh": set(MESH_FORMATS), "weights": set(WEIGHT_FORMATS)}

@@ -1,4 +1,4 @@
-"""The page in Chromium: what a visitor does with it. Pictures of it are written to out/viewer."""
+"""The page in Chromium: a visitor's actions. Screenshots are written to out/viewer."""
 
 import io
 import json
@@ -32,18 +32,18 @@ from tests.support.server import running
 from tests.support.small import model as tiny_model
 
 
-def test_the_policy_allows_the_map_of_imports_and_nothing_from_elsewhere(browser: Browser, address: str) -> None:
+def test_policy_allows_the_import_map_and_nothing_from_elsewhere(browser: Browser, address: str) -> None:
     with browser.new_context() as context:
         page = context.new_page()
         page.goto(f"{address}/")
         pinned = json.loads((viewer.STATIC.parent / "package.json").read_text("utf-8"))["dependencies"]["three"]
         assert page.evaluate("async () => (await import('three')).REVISION") == pinned.split(".")[1]
-        asked = "fetch('https://example.org').then(() => 'fetched', () => 'blocked')"
+        request = "fetch('https://example.org').then(() => 'fetched', () => 'blocked')"
         with page.expect_console_message(lambda message: "Content Security Policy" in message.text):
-            assert page.evaluate(f"async () => {asked}") == "blocked"
+            assert page.evaluate(f"async () => {request}") == "blocked"
 
 
-def test_a_photo_is_encoded_and_its_points_appear(browser: Browser, address: str) -> None:
+def test_photo_that_is_chosen_is_encoded_and_drawn(browser: Browser, address: str) -> None:
     with browser.new_context(viewport={"width": 1280, "height": 1000}) as context:
         page = context.new_page()
         page.route("**/objects?*", lambda route: route.fulfill(json={"items": [], "next": None}))  # as on the first day
@@ -64,13 +64,13 @@ def test_a_photo_is_encoded_and_its_points_appear(browser: Browser, address: str
         assert b'"mask":"alpha"' in run(curl_line(page, "encode"), photo("chair").parent)
 
 
-def test_an_example_is_encoded(page: Page) -> None:
+def test_photo_of_the_examples_is_encoded(page: Page) -> None:
     page.get_by_role("button", name="Armchair", exact=True).click()
     expect(page.locator("#framing")).to_be_visible()
     expect(page.locator("#gallery li.shown")).to_have_count(1)
 
 
-def test_the_model_is_chosen_where_there_are_two(page: Page, browser: Browser, tmp_path: Path) -> None:
+def test_model_of_two_can_be_chosen(page: Page, browser: Browser, tmp_path: Path) -> None:
     expect(page.get_by_label("Model")).to_be_hidden()  # one is loaded
     spec = MappingSpec("tiny", 3, (16,), 3, k=4)
     other = tiny_model.build(tmp_path / "tiny-k4.onnx", spec, meta=tiny_model.metadata(spec, "tiny-k4"))
@@ -91,7 +91,7 @@ def test_the_model_is_chosen_where_there_are_two(page: Page, browser: Browser, t
         assert curl_line(page, "encode").endswith("/encode")
 
 
-def test_a_dropped_photo_is_encoded(page: Page) -> None:
+def test_photo_that_is_dropped_is_encoded(page: Page) -> None:
     page.evaluate("""async () => {
         const content = await (await fetch("/viewer/bundle/photos/chair.png")).blob();
         const dataTransfer = new DataTransfer();
@@ -101,28 +101,28 @@ def test_a_dropped_photo_is_encoded(page: Page) -> None:
     expect(page.locator("#framing")).to_be_visible()
 
 
-def test_more_points_are_appended_as_they_arrive_and_fewer_cost_nothing(page: Page) -> None:
-    asked: list[str] = []
-    page.on("request", lambda request: asked.append(request.url.partition("?")[2]))
+def test_points_when_more_are_appended_when_fewer_nothing_is_fetched(page: Page) -> None:
+    queries: list[str] = []
+    page.on("request", lambda request: queries.append(request.url.partition("?")[2]))
     page.evaluate("""() => {
-        globalThis.told = new Set();
+        globalThis.counts = new Set();
         const count = document.getElementById("count");
-        new MutationObserver(() => told.add(count.textContent)).observe(count, { childList: true });
+        new MutationObserver(() => counts.add(count.textContent)).observe(count, { childList: true });
     }""")
     few = inked(page)
     page.locator("#n").press("End")
     expect(page.locator("#count")).to_have_text("1,000,000 points")
-    assert asked == ["n=990000&seed=0&offset=10000&format=pcd"]
-    assert len(page.evaluate("[...told]")) > 3
+    assert queries == ["n=990000&seed=0&offset=10000&format=pcd"]
+    assert len(page.evaluate("[...counts]")) > 3
     assert inked(page) > 1.5 * few
     page.screenshot(path=PICTURES / "million.png")
     page.locator("#n").press("Home")
     expect(page.locator("#count")).to_have_text("100 points")
     assert inked(page) < few
-    assert len(asked) == 1
+    assert len(queries) == 1
 
 
-def test_keys_and_pointer_turn_the_points_and_the_seed_draws_others(page: Page) -> None:
+def test_points_turn_by_key_and_pointer_and_change_with_the_seed(page: Page) -> None:
     canvas = page.locator("#stage canvas")
     before = pixels(page)
     canvas.press("ArrowLeft")
@@ -143,7 +143,7 @@ def test_keys_and_pointer_turn_the_points_and_the_seed_draws_others(page: Page) 
     assert (pixels(page) != before).mean() > 0.005
 
 
-def test_two_objects_are_composed_by_dragging_one_onto_the_other(page: Page) -> None:
+def test_gallery_drag_of_one_object_onto_another_composes_them(page: Page) -> None:
     cards = page.locator("#gallery li:has(.mix)")
     cards.nth(0).drag_to(cards.nth(1))
     labels = page.locator("#words button")
@@ -162,7 +162,7 @@ def test_two_objects_are_composed_by_dragging_one_onto_the_other(page: Page) -> 
     expect(page.locator("#count")).to_have_text("10,000 points")
 
 
-def test_two_objects_are_composed_with_the_keyboard(page: Page) -> None:
+def test_gallery_by_keyboard_composes_two_objects(page: Page) -> None:
     mix = page.locator("#gallery .mix")
     mix.nth(0).press("Enter")
     expect(mix.nth(0)).to_have_attribute("aria-pressed", "true")
@@ -174,7 +174,7 @@ def test_two_objects_are_composed_with_the_keyboard(page: Page) -> None:
     expect(page.locator("#stage canvas")).to_be_focused()
 
 
-def test_an_object_of_the_gallery_opens(page: Page) -> None:
+def test_gallery_click_opens_the_object(page: Page) -> None:
     opening = page.locator("#gallery li:has(.mix) .open").last
     opening.click()
     expect(page.locator("#gallery li.shown .open")).to_have_text(opening.inner_text())
@@ -183,13 +183,13 @@ def test_an_object_of_the_gallery_opens(page: Page) -> None:
 
 @pytest.fixture
 def page_in_color(browser: Browser, colored: httpx.Client) -> Iterator[Page]:
-    """The page of a service whose model colours its objects, with one of them."""
+    """The page of a service whose model colors its objects, with one object."""
     assert colored.post("/encode", content=photo("chair").read_bytes()).status_code == 201
     with browser.new_context(viewport={"width": 1280, "height": 1000}) as context:
         yield opened(context.new_page(), str(colored.base_url))
 
 
-def test_an_object_in_colour_is_shown_and_saved_so_unless_switched_off(page_in_color: Page, tmp_path: Path) -> None:
+def test_points_in_color_are_shown_and_saved_so_unless_switched_off(page_in_color: Page, tmp_path: Path) -> None:
     page = page_in_color
     assert warm(page) > 500
     page.screenshot(path=PICTURES / "color.png")
@@ -203,7 +203,7 @@ def test_an_object_in_colour_is_shown_and_saved_so_unless_switched_off(page_in_c
         assert header in (tmp_path / "object.ply").read_bytes()
 
 
-def test_a_surface_in_colour_is_shown_and_saved_so_unless_switched_off(page_in_color: Page, tmp_path: Path) -> None:
+def test_surface_in_color_is_shown_and_saved_so_unless_switched_off(page_in_color: Page, tmp_path: Path) -> None:
     page = page_in_color
     page.get_by_role("switch", name="Surface").check()
     expect(page.locator("#count")).to_have_text(re.compile(r"^[\d,]{5,} triangles$"))
@@ -221,7 +221,7 @@ def test_a_surface_in_colour_is_shown_and_saved_so_unless_switched_off(page_in_c
     assert "color" not in curl_line(page, "download")
 
 
-def test_files_are_saved_as_the_curl_line_gets_them(page: Page, tmp_path: Path) -> None:
+def test_download_equals_the_file_of_the_curl_line(page: Page, tmp_path: Path) -> None:
     options = page.locator("#format option")
     for index in range(options.count()):
         page.locator("#format").select_option(index=index)
@@ -235,7 +235,7 @@ def test_files_are_saved_as_the_curl_line_gets_them(page: Page, tmp_path: Path) 
         assert fetched.read_bytes() == Path(saved.value.path()).read_bytes(), fetched.name
 
 
-def test_the_switch_shows_the_surface_and_brings_the_points_back(page: Page, tmp_path: Path) -> None:
+def test_surface_switch_shows_the_surface_and_back_the_points(page: Page, tmp_path: Path) -> None:
     points = pixels(page)
     page.get_by_role("switch", name="Surface").check()
     expect(page.locator("#count")).to_have_text(re.compile(r"^[\d,]{5,} triangles$"))

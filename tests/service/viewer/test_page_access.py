@@ -10,7 +10,7 @@ from tests.support.browsing import PICTURES, TIMEOUT_MS, curl_line, opened, phot
 from tests.support.server import running
 
 
-def test_errors_are_shown_as_the_service_tells_them(page: Page, tmp_path: Path) -> None:
+def test_error_of_the_service_is_shown_until_closed(page: Page, tmp_path: Path) -> None:
     (tmp_path / "no.png").write_text("no image")
     page.set_input_files("#file", tmp_path / "no.png")
     problem = page.get_by_role("alert")
@@ -25,7 +25,7 @@ def test_errors_are_shown_as_the_service_tells_them(page: Page, tmp_path: Path) 
     expect(problem).to_contain_text("Invalid parameter")
 
 
-def test_a_key_is_asked_for_once_and_used(browser: Browser, model_path: Path, tmp_path: Path) -> None:
+def test_key_dialog_opens_once_and_the_key_is_used(browser: Browser, model_path: Path, tmp_path: Path) -> None:
     token, key = make_key("visitor", frozenset({"read", "write"}))
     (tmp_path / "keys").write_text(key.line)
     settings = Settings(
@@ -36,8 +36,8 @@ def test_a_key_is_asked_for_once_and_used(browser: Browser, model_path: Path, tm
         page.set_default_timeout(TIMEOUT_MS)
         page.goto(f"http://127.0.0.1:{server.port}/")
         dialog = page.get_by_role("dialog", name="API key")
-        for given in ("wrong", token):  # a key that is not known is asked for again
-            dialog.get_by_label("API key").fill(given)
+        for entry in ("wrong", token):  # an unknown key opens the dialog again
+            dialog.get_by_label("API key").fill(entry)
             dialog.get_by_role("button", name="Continue").click()
         expect(dialog).to_be_hidden(timeout=TIMEOUT_MS)
         page.set_input_files("#file", photo("chair"))
@@ -45,14 +45,14 @@ def test_a_key_is_asked_for_once_and_used(browser: Browser, model_path: Path, tm
         expect(dialog).to_be_hidden()
         assert "$HOF_KEY" in curl_line(page, "download")
         assert token not in page.content()
-        with context.new_page() as other:  # another tab asks again
+        with context.new_page() as other:  # another tab opens it again
             other.goto(f"http://127.0.0.1:{server.port}/")
             expect(other.get_by_role("dialog", name="API key")).to_be_visible(timeout=TIMEOUT_MS)
             other.get_by_role("button", name="Cancel").click()
             expect(other.get_by_role("alert")).to_contain_text("Unauthenticated")
 
 
-def test_every_action_is_reached_with_the_tab_key(page: Page) -> None:
+def test_tab_key_reaches_every_action(page: Page) -> None:
     reached = set()
     for _ in range(60):
         page.keyboard.press("Tab")
@@ -78,7 +78,7 @@ def test_every_action_is_reached_with_the_tab_key(page: Page) -> None:
     assert "BUTTON" in reached  # Copy, Save
 
 
-def test_it_fits_a_phone_in_the_dark(browser: Browser, address: str) -> None:
+def test_page_on_a_dark_phone_fits_its_width(browser: Browser, address: str) -> None:
     with browser.new_context(
         viewport={"width": 360, "height": 740}, color_scheme="dark", device_scale_factor=2, has_touch=True
     ) as context:
@@ -88,11 +88,11 @@ def test_it_fits_a_phone_in_the_dark(browser: Browser, address: str) -> None:
         page.screenshot(path=PICTURES / "phone.png", full_page=True)
 
 
-def test_the_documentation_needs_no_one_else(browser: Browser, address: str) -> None:
+def test_documentation_loads_nothing_from_elsewhere(browser: Browser, address: str) -> None:
     with browser.new_context() as context:
         page = context.new_page()
-        asked: list[str] = []
-        page.on("request", lambda request: asked.append(request.url))
+        urls: list[str] = []
+        page.on("request", lambda request: urls.append(request.url))
         page.goto(f"{address}/docs")
         expect(page.get_by_role("heading", name="HOF").first).to_be_visible(timeout=TIMEOUT_MS)
-        assert [url for url in asked if not url.startswith((address, "data:"))] == []
+        assert [url for url in urls if not url.startswith((address, "data:"))] == []
