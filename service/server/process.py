@@ -1,17 +1,15 @@
 """The server of one process: uvicorn, with a stop that loses no call.
 
 On SIGTERM uvicorn closes its socket at once, while load balancers still send. This server first answers
-`/health/ready` with 503 and goes on serving for `drain_s`. Then it accepts the connections that the kernel already
-holds, takes no new ones, and ends when the calls in progress have ended. SIGINT, or a second SIGTERM, skips the wait.
+`/health/ready` with 503 and goes on serving for `drain_s`. Then it accepts the connections that wait in the kernel,
+closes the socket, and ends when the calls in progress have ended. SIGINT, or a second SIGTERM, skips the wait.
 """
 
 import asyncio
-import ctypes
+import contextlib
 import os
 import signal
 import socket
-import struct
-import sys
 import time
 from functools import partial
 from types import FrameType
@@ -28,8 +26,6 @@ from service.telemetry import logs
 WORKER_START_S: Final = 60  # a worker that takes longer to import and open everything is started again, without end
 CLOSE: Final = (b"connection", b"close")
 SETTLE_S: Final = 0.2  # from the last accepted connection until its request has been read
-SO_ATTACH_FILTER: Final = 26  # asm-generic/socket.h
-RETURN: Final = 0x06  # BPF: the only instruction of a filter that keeps 0 bytes of every packet
 
 
 class Config(uvicorn.Config):
@@ -84,19 +80,33 @@ class Server(uvicorn.Server):
         return await super().on_tick(counter)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Accept the connections that the kernel holds, then stop as uvicorn does.
+        """Close the socket, read the requests of the connections accepted until then, and stop as uvicorn does.
 
-        A socket that workers share stays as it is: the others still serve it.
+        Uvicorn alone also closes connections whose request it has not read yet. `python -m benchmarks.load.run --parts
+        faults` counts the calls that break. A socket that workers share is not emptied: the other workers serve it.
         """
-        if sockets is None and sys.platform == "linux":
-            for listener in [listener for server in self.servers for listener in server.sockets]:
-                with socket.socket(fileno=os.dup(listener.fileno())) as own:
-                    _drop_packets(own)
+        if sockets is None:
+            loop = asyncio.get_running_loop()
+            for connection in self._close_listeners():
+                await loop.connect_accepted_socket(self._protocol, connection)
             await asyncio.sleep(SETTLE_S)
         await super().shutdown(sockets)
 
+    def _close_listeners(self) -> list[socket.socket]:
+        """Close the listening sockets; return the connections that waited in the kernel until then."""
+        connections = []
+        for server in self.servers:
+            for listener in server.sockets:
+                with socket.socket(fileno=os.dup(listener.fileno())) as own, contextlib.suppress(BlockingIOError):
+                    own.setblocking(False)
+                    while True:
+                        connections.append(own.accept()[0])
+            server.close()
+        return connections
 
-def _drop_packets(listener: socket.socket) -> None:
-    """Make a listening socket ignore new connections, so that its queue can be emptied before it is closed."""
-    instruction = ctypes.create_string_buffer(struct.pack("HBBI", RETURN, 0, 0, 0))
-    listener.setsockopt(socket.SOL_SOCKET, SO_ATTACH_FILTER, struct.pack("HP", 1, ctypes.addressof(instruction)))
+    def _protocol(self) -> asyncio.Protocol:
+        """Create the protocol of a connection, as uvicorn's `startup` does."""
+        protocol: asyncio.Protocol = self.config.http_protocol_class(  # type: ignore[call-arg]
+            config=self.config, server_state=self.server_state, app_state=self.lifespan.state
+        )
+        return protocol
