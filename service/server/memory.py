@@ -1,4 +1,4 @@
-"""How this process's C library and garbage collector manage memory."""
+"""Memory of this process: arenas of the C library and the garbage collector of Python."""
 
 import ctypes
 import gc

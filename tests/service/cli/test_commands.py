@@ -22,7 +22,7 @@ from tests.support.small import model as tiny_model
 
 @pytest.fixture
 def here(tmp_path: Path, model_path: Path, photo: bytes, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A working folder with photo.png and nothing else; the tiny model is the default one."""
+    """Return a working folder with only photo.png in it; the tiny model is the default one."""
     folder = tmp_path / "here"
     folder.mkdir()
     (folder / "photo.png").write_bytes(photo)

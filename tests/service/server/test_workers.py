@@ -16,13 +16,13 @@ STARTED, ENDED = "startup complete", "Finished server process"
 
 
 def _pids(folder: Path, text: str) -> set[int]:
-    """The processes that logged a text."""
+    """Return the processes that logged a text."""
     whole_lines = (folder / "log").read_text().rpartition("\n")[0].splitlines()
     return {json.loads(line)["pid"] for line in whole_lines if text in line}
 
 
 def _counted(url: str, route: str) -> float:
-    """Answered requests of a route, by /metrics."""
+    """Return the answered requests of a route, by /metrics."""
     lines = httpx.get(f"{url}/metrics", timeout=60).text.splitlines()
     counters = [line for line in lines if line.startswith("hof_http_requests_total{") and f'route="{route}"' in line]
     return sum(float(line.rsplit(" ", 1)[1]) for line in counters)

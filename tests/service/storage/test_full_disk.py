@@ -27,7 +27,7 @@ Limit = Callable[[Path, Path], AbstractContextManager[tuple[Served, Path, Grow]]
 
 @contextmanager
 def _small_file_system(folder: Path, model: Path) -> Iterator[tuple[Served, Path, Grow]]:
-    """A service with its database on a file system of 1 MiB, half of it occupied; growing frees that half."""
+    """Run a service with its database on a file system of 1 MiB, half of it occupied; growing frees that half."""
     mount = [*NAMESPACE, "sh", "-c", MOUNT, str(folder)]
     with hof_serve(folder, model, prefix=mount) as served:
         root = Path(f"/proc/{served.process.pid}/root{folder}")
@@ -38,7 +38,7 @@ def _small_file_system(folder: Path, model: Path) -> Iterator[tuple[Served, Path
 
 @contextmanager
 def _file_size_limit(folder: Path, model: Path) -> Iterator[tuple[Served, Path, Grow]]:
-    """A service whose files may not exceed 300 kB; growing lifts the limit."""
+    """Run a service whose files may not exceed 300 kB; growing lifts the limit."""
     unlimited = (resource.RLIM_INFINITY, resource.RLIM_INFINITY)
     with hof_serve(folder, model) as served:
         pid = served.process.pid

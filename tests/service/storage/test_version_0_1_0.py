@@ -60,7 +60,7 @@ OBJECTS = [  # oldest first: record, functions, points
 
 @pytest.fixture
 def database_url(tmp_path: Path) -> str:
-    """The database, restored from the dump."""
+    """Restore the database from the dump; return its URL."""
     with closing(sqlite3.connect(tmp_path / "hof.db")) as connection:
         connection.executescript(DUMP.read_text("utf-8"))
     return f"sqlite:///{tmp_path / 'hof.db'}"

@@ -183,7 +183,7 @@ def test_gallery_click_opens_the_object(page: Page) -> None:
 
 @pytest.fixture
 def page_in_color(browser: Browser, colored: httpx.Client) -> Iterator[Page]:
-    """The page of a service whose model colors its objects, with one object."""
+    """Open the page of a service whose model colors its objects, with one object."""
     assert colored.post("/encode", content=photo("chair").read_bytes()).status_code == 201
     with browser.new_context(viewport={"width": 1280, "height": 1000}) as context:
         yield opened(context.new_page(), str(colored.base_url))
