@@ -127,7 +127,7 @@ class Settings(BaseSettings):
     )
     api_keys_file: Path | None = Field(
         default=None,
-        description="file of API keys, one line each as `hof key` prints it; default: none, anyone may call",
+        description="file of API keys, one line each as `hof key` prints it; without it anyone may call",
     )
     metrics: Literal["open", "key"] = Field(
         default="open",
