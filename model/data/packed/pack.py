@@ -15,11 +15,22 @@ from PIL import Image
 from tqdm import tqdm
 
 from model.data.augment import oversize
-from model.data.dataset import OWN, PIECES_PER_DRAW, VISIBLE
+from model.data.dataset import PIECES_PER_DRAW, VISIBLE
 from model.data.manifest import COLORS, Manifest, piece_files, variant_files
 from model.data.packed.options import PackOptions
 from model.data.packed.photographs import pack_photographs
-from model.data.packed.shards import FORMAT, INDEX, SHARDS, PackedShape, Row, quantize, read_table, write_shard
+from model.data.packed.shards import (
+    FORMAT,
+    INDEX,
+    MADE_SOURCE,
+    OWN,
+    SHARDS,
+    PackedShape,
+    Row,
+    quantize,
+    read_table,
+    write_shard,
+)
 from model.data.packed.strips import encode_strip
 from service.encoding.framing import Framing, frame
 from service.files import whole_file
@@ -81,13 +92,12 @@ def _jobs(folder: Path, options: PackOptions, prefixed: bool) -> Iterator[_Job]:
             continue
         with_variants = options.variants and entry.split == "train"
         for number, path in enumerate([folder / entry.file, *(variant_files(folder, entry) if with_variants else [])]):
-            own = number < OWN
-            limits = (0, 0) if own else (options.variant_views, options.variant_points)
-            row = Row(prefix + entry.id, entry.id, entry.source, entry.split, own, (), 0, colored=False)
+            limits = (0, 0) if number < OWN else (options.variant_views, options.variant_points)
+            row = Row(prefix + entry.id, entry.id, entry.source, entry.split, number, (), 0, colored=False)
             yield _Job(path, row, large, quality, *limits)
     for number, path in enumerate(piece_files(folder) if options.made else []):
-        unit = f"{prefix}made/{number // PIECES_PER_DRAW}"
-        row = Row(unit, path.stem, "made", "train", own=False, views=(), points=0, colored=False)
+        unit = f"{prefix}{MADE_SOURCE}/{number // PIECES_PER_DRAW}"
+        row = Row(unit, path.stem, MADE_SOURCE, "train", OWN, (), 0, colored=False)
         yield _Job(path, row, large, quality, options.made_views, options.made_points)
 
 

@@ -24,6 +24,8 @@ Floats = npt.NDArray[np.float32]
 Shorts = npt.NDArray[np.int16]
 
 FORMAT: Final = 1
+OWN: Final = 2  # an object's first shapes: as built, and under free cameras
+MADE_SOURCE: Final = "made"
 INDEX: Final = "index.json"
 SHARDS: Final = "shard-*.npz"
 SCALE: Final = 65_534  # of a coordinate in [-0.5, 0.5]: errors stay below 1e-5 of the longest side
@@ -35,8 +37,8 @@ class Row:
     """One shape of a shard.
 
     unit : shapes of equal unit, which follow each other, are drawn as one: an object, or a group of made pieces.
-    object, source, split : of the manifest; a made piece has its file's name and the source `made`.
-    own : whether this is the object's own shape, as built or under free cameras.
+    object, source, split : of the manifest; a made piece has its file's name and MADE_SOURCE.
+    shape : 0 as built, 1 under free cameras, above that variants; made pieces have OWN.
     views : the numbers of its views in the data set.
     points : how many points it has.
     colored : whether its points have colors.
@@ -46,10 +48,15 @@ class Row:
     object: str
     source: str
     split: str
-    own: bool
+    shape: int
     views: tuple[int, ...]
     points: int
     colored: bool
+
+    @property
+    def is_own(self) -> bool:
+        """Whether this is an object's own shape."""
+        return self.shape < OWN
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
-from model.data.packed.shards import SCALE, SHARDS, Bytes, Row, read_table
+from model.data.packed.shards import MADE_SOURCE, SCALE, SHARDS, Bytes, Row, read_table
 from model.data.packed.strips import decode
 
 
@@ -52,8 +52,10 @@ def dequantize(points: Tensor) -> Tensor:
     return points.float() / SCALE
 
 
-def read_packed(folder: Path, split: str, side: int, workers: int) -> Tensors:
+def read_packed(folder: Path, split: str, side: int, workers: int, variants: bool = True, made: bool = True) -> Tensors:
     """Read a split's shapes from all shards in `folder`, views of `side` pixels.
+
+    Without `variants` of objects only their shapes as built are read, without `made` no made pieces.
 
     Raises
     ------
@@ -68,7 +70,8 @@ def read_packed(folder: Path, split: str, side: int, workers: int) -> Tensors:
     points, colors = [], []
     for path in shards:
         for row, strip, of_shape, colored in _shapes(path):
-            if row.split == split:
+            is_made = row.source == MADE_SOURCE
+            if row.split == split and (made if is_made else variants or row.shape == 0):
                 rows.append(row)
                 strips.append(strip)
                 points.append(of_shape)
@@ -108,7 +111,7 @@ def arrange(rows: Sequence[Row], images: Bytes, points: npt.NDArray[np.int16], c
     units, first = [], 0
     for _, group in groupby(rows, key=lambda row: row.unit):
         shapes = list(group)
-        own_end = first + sum(len(row.views) for row in shapes if row.own)
+        own_end = first + sum(len(row.views) for row in shapes if row.is_own)
         end = first + sum(len(row.views) for row in shapes)
         units.append((first, own_end, end))
         first = end

@@ -1,0 +1,1 @@
+"""`make gpu-check`: the device's operations against the CPU's, and how fast training is. Needs a GPU."""

@@ -1,0 +1,81 @@
+"""A data set in a device's memory, from shards or from a data set's folder."""
+
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from model.config import TrainConfig
+from model.data.augment import oversize
+from model.data.dataset import OWN, Examples, Shape, load_examples
+from model.data.packed.photographs import read_photographs
+from model.data.packed.shards import MADE_SOURCE, Row, quantize
+from model.data.packed.tensors import Tensors, arrange, read_packed
+from model.training.device.augment import Grounds
+from model.training.device.options import DeviceOptions
+from model.training.device.pictures import photograph_pictures, texture_pictures
+
+
+@dataclass(frozen=True)
+class DeviceData:
+    """The splits that a run needs, and what stands behind its objects, on one device."""
+
+    train: Tensors
+    validation: Tensors
+    grounds: Grounds
+
+
+def load_data(data: Path, config: TrainConfig, options: DeviceOptions) -> DeviceData:
+    """Load the training and validation splits from `options.packed`, or from the folder `data`.
+
+    Raises
+    ------
+    FileNotFoundError : there is no such data set, or no variants or made pieces where the config asks for them.
+    ValueError : a shard cannot be read.
+    """
+    device, size = options.torch_device, config.framing.size
+    if options.packed:
+        folder, side, workers = Path(options.packed), size * oversize(size), options.workers or os.cpu_count() or 1
+        train = read_packed(folder, "train", side, workers, config.variants, config.made)
+        validation = read_packed(folder, "val", side, workers, variants=False, made=False)
+        photographs = read_photographs(folder)
+    else:
+        examples = load_examples(data, "train", config.framing, config.variants, config.made)
+        train = tensors_of(examples)
+        validation = tensors_of(load_examples(data, "val", config.framing, variants=False))
+        photographs = [_open(path) for path in examples.photographs]
+    grounds = Grounds(texture_pictures(size, device), photograph_pictures(photographs, size, device))
+    return DeviceData(train.to(device), validation.to(device), grounds)
+
+
+def tensors_of(examples: Examples) -> Tensors:
+    """Arrange a split that was loaded from a data set's folder."""
+    named = [(entry.id, entry.source, shapes) for entry, shapes in zip(examples.entries, examples.shapes, strict=True)]
+    made = [(f"{MADE_SOURCE}/{number}", MADE_SOURCE, shapes) for number, shapes in enumerate(examples.made)]
+    shapes = [shape for _, _, of_unit in named + made for shape in of_unit]
+    is_colored = all(shape.colours is not None for shape in shapes)
+    rng = np.random.default_rng(0)
+    orders = [rng.permutation(len(shape.points)) for shape in shapes]  # draws take points that follow each other
+    colors = [shape.colours[order] for shape, order in zip(shapes, orders, strict=True) if shape.colours is not None]
+    return arrange(
+        list(_rows(named + made)),
+        np.concatenate([shape.crops for shape in shapes]),
+        np.concatenate([quantize(shape.points[order]) for shape, order in zip(shapes, orders, strict=True)]),
+        np.concatenate(colors) if is_colored else None,
+    )
+
+
+def _rows(units: list[tuple[str, str, list[Shape]]]) -> Iterable[Row]:
+    for unit, source, shapes in units:
+        for number, shape in enumerate(shapes):
+            place = number if source != MADE_SOURCE else OWN
+            views = tuple(range(len(shape.crops)))
+            yield Row(unit, unit, source, "", place, views, len(shape.points), shape.colours is not None)
+
+
+def _open(path: Path) -> Image.Image:
+    with Image.open(path) as file:
+        return file.convert("RGB")

@@ -1,0 +1,62 @@
+"""Validation of a run on its device: the figures of `model.training.validation`, in batches."""
+
+from typing import Final
+
+import torch
+import torch.nn.functional as nnf
+from torch import Tensor, nn
+
+from model.config import TrainConfig
+from model.data.augment import oversize
+from model.data.packed.tensors import Tensors, dequantize
+from model.networks.ops.dispatch import nearest
+from model.training.losses import gather
+from service.mapping.canonical import canonical_points
+
+VIEWS: Final = (1, 13)  # of 24: from the front, a little to the side, and from behind
+POINTS: Final = 2_000  # predicted
+TARGET_POINTS: Final = 4_000
+
+
+@torch.no_grad()
+def validate(network: nn.Module, config: TrainConfig, validation: Tensors) -> dict[str, float]:
+    """Return means over the validation objects and VIEWS: `val`, which is cd_sq / 100, `f@1%` and `f@2%`."""
+    device = validation.images.device
+    canonical = torch.from_numpy(canonical_points(config.spec.domain, POINTS, config.seed)).to(device)
+    metrics = []
+    for view in VIEWS:
+        for units in validation.units.split(config.batch):  # type: ignore[no-untyped-call]
+            first, own_end, _ = units.unbind(1)
+            chosen = first + torch.minimum(torch.full_like(first, view), own_end - first - 1)
+            images = plain_images(validation.images[chosen], config.framing.size)
+            predicted = network(
+                images.contiguous(memory_format=torch.channels_last), canonical.expand(len(images), -1, -1)
+            )
+            metrics.append(_compare(predicted.float(), _targets(validation, chosen)))
+    val, f1, f2 = torch.cat(metrics).mean(0).tolist()
+    return {"val": val, "f@1%": f1, "f@2%": f2}
+
+
+def plain_images(crops: Tensor, size: int) -> Tensor:
+    """Stored crops over white, as the service shows them: (b, S, S, 4) uint8 -> (b, 3, size, size)."""
+    pixels = crops.permute(0, 3, 1, 2).float() / 255
+    alpha = pixels[:, 3:]
+    return nnf.avg_pool2d(pixels[:, :3] * alpha + (1 - alpha), oversize(size))
+
+
+def _targets(validation: Tensors, views: Tensor) -> Tensor:
+    """Return points of the shapes that the views show, (b, TARGET_POINTS, 3)."""
+    shapes = validation.shape_of[views]
+    numbers = torch.arange(TARGET_POINTS, device=views.device) % validation.counts[shapes].view(-1, 1)
+    return dequantize(validation.points[validation.starts[shapes].view(-1, 1) + numbers])
+
+
+def _compare(predicted: Tensor, true: Tensor) -> Tensor:
+    """Return cd_sq / 100, F@1% and F@2% of each pair: (b, n, 3), (b, m, 3) -> (b, 3)."""
+    forward = (gather(true, nearest(predicted, true)) - predicted).square().sum(2)
+    backward = (gather(predicted, nearest(true, predicted)) - true).square().sum(2)
+    columns = [forward.mean(1) + backward.mean(1)]
+    for threshold in (0.01, 0.02):
+        precision, recall = ((each.sqrt() <= threshold).float().mean(1) for each in (forward, backward))
+        columns.append(2 * precision * recall / (precision + recall).clamp(min=1e-9))
+    return torch.stack(columns, dim=1)
