@@ -13,6 +13,7 @@ from service.mapping.spec import HOF_1, MappingSpec
 
 Method = Literal["hof", "deepsdf", "foldingnet", "direct"]
 Trunk = Literal["dense", "lite0"]
+Device = Literal["auto", "cpu", "cuda"]
 Part = TypeVar("Part")
 
 
@@ -78,6 +79,7 @@ class TrainConfig:
     projection: float = option(0.0, "lambda of the projection regularization (paper, eq. 6)", least=0)
     minutes: float = option(64.0, "budget in minutes; the learning rate falls to 0 over the budget", above=0)
     steps: int | None = option(None, "budget in steps, instead of minutes", least=1)
+    images: int | None = option(None, "budget in images, instead of minutes", least=1)
     late_from: float = option(
         1.0, "share of the budget after which the late loss, cd_epcg with a smooth F-score, applies; 1: never", least=0
     )
@@ -141,6 +143,19 @@ class ColorConfig:
     steps_per_batch: int = option(6, "steps for each drawn batch: one on it, the others on kept ones", least=1)
     learning_rate: float = option(1e-3, "AdamW's learning rate after warm-up", least=0)
     weight_decay: float = option(1e-2, "AdamW's weight decay", least=0)
+
+
+@dataclass(frozen=True)
+class DeviceOptions:
+    """Where and how a run trains. None of it decides what is learned, so no checkpoint stores it."""
+
+    device: Device = option("auto", "device to train on; auto: CUDA if there is one")  # noqa: RUF009 - a field
+    packed: str | None = option(None, "folder of `hof-model data pack` to train from, in place of --data")
+    graphs: bool = option(default=True, text="replay each step as one CUDA graph")
+    compile: bool = option(default=False, text="compile the network with torch.compile: quicker steps, slow to start")
+    checkpoint_parts: bool = option(default=False, text="write checkpoints as files of at most 14 MB")
+    stop_after: float | None = option(None, "minutes after which this call ends; a later call resumes the run", above=0)
+    workers: int | None = option(None, "processes that decode a packed data set; default: one per core", least=1)
 
 
 COMPARED_RUN: Final = TrainConfig(  # common to all runs of `hof-model retrain`

@@ -7,7 +7,7 @@ from typing import Final
 
 from model.cli.flags import add_flags, number, values
 from model.config import LITE0_SIZE
-from model.data.packed.options import PackOptions
+from model.data.packed.options import IMAGENET, PackOptions
 from service.encoding.framing import Framing
 
 PACKED: Final = Path("data/packed")
@@ -43,7 +43,10 @@ def add_pack(stage: argparse.ArgumentParser, data: Path) -> None:
 
 def _pack(arguments: argparse.Namespace) -> None:
     from model.data.packed.pack import pack
+    from model.networks.lite0 import save_imagenet
 
     framing = Framing(arguments.size, arguments.foreground_ratio)
     options = PackOptions(framing=framing, **values(arguments, PackOptions))
-    print(pack(arguments.data or [arguments.default], arguments.out, options, arguments.processes))
+    index = pack(arguments.data or [arguments.default], arguments.out, options, arguments.processes)
+    save_imagenet(index.parent / IMAGENET)
+    print(index)

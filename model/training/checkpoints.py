@@ -7,15 +7,13 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-import onnx
 import torch
-from onnx import numpy_helper
 from torch import nn
 
 from model.config import TrainConfig
 from model.networks.decoders import Hof, make_network
 from model.networks.encoder import ImageEncoder
-from service.encoding.encoder import Encoder
+from model.training.parts import has_checkpoint, load_checkpoint
 from service.mapping.canonical import canonical_points
 
 Floats = npt.NDArray[np.float32]
@@ -27,7 +25,7 @@ CHUNK: Final = 10_000  # points that a predictor computes at once
 def chosen_checkpoint(run: Path) -> Path:
     """A run's checkpoint that was best on the validation split (F@1% and F@2%), or its last where none was chosen."""
     best = run / "best.pt"
-    return best if best.exists() else run / "last.pt"
+    return best if has_checkpoint(best) else run / "last.pt"
 
 
 def load_network(checkpoint: Path) -> tuple[nn.Module, TrainConfig, dict[str, Any]]:
@@ -46,7 +44,7 @@ def load_network(checkpoint: Path) -> tuple[nn.Module, TrainConfig, dict[str, An
     if checkpoint.suffix == ".onnx":
         return _exported(checkpoint)
     try:
-        saved = torch.load(checkpoint, weights_only=True)
+        saved = load_checkpoint(checkpoint)
         config, weights = TrainConfig.from_dict(saved["config"]), saved["average"]
     except (UnpicklingError, RuntimeError, KeyError, TypeError, EOFError) as error:
         raise ValueError(f"{checkpoint} is no checkpoint of `hof-model train`: {error!r}") from None
@@ -58,6 +56,11 @@ def load_network(checkpoint: Path) -> tuple[nn.Module, TrainConfig, dict[str, An
 
 def _exported(file: Path) -> tuple[nn.Module, TrainConfig, dict[str, Any]]:
     """The network that an ONNX file was exported from; its card says what it is."""
+    import onnx  # not needed by runs from checkpoints, on machines that have neither
+    from onnx import numpy_helper
+
+    from service.encoding.encoder import Encoder
+
     card = Encoder.open(file, threads=1).card
     try:
         training = card["training"]

@@ -27,8 +27,7 @@ def starting_weights(start: Weights, start_config: TrainConfig, own: Weights, co
     ):
         if start_value != value:
             raise ValueError(f"{config.start} was trained with another {quantity}: {start_value}, this run has {value}")
-    coarse = replace(config.encoder, fine_maps=0)
-    same_trunk = start_config.encoder in (config.encoder, coarse) and start_config.framing == config.framing
+    same_trunk = has_same_trunk(start_config, config)
     same_head = start_config.spec == config.spec
     shared = {name for name in own if (same_head if ".head." in name else same_trunk and name in start)}
     if not shared:
@@ -36,6 +35,12 @@ def starting_weights(start: Weights, start_config: TrainConfig, own: Weights, co
             f"{config.start} was trained with another trunk and another spec: it has no weights for this network"
         )
     return own | {name: _widen(start[name], own[name].shape) for name in shared}
+
+
+def has_same_trunk(start_config: TrainConfig, config: TrainConfig) -> bool:
+    """Return whether a run's trunk takes its weights from `start_config`'s; finer maps besides do not matter."""
+    coarse = replace(config.encoder, fine_maps=0)
+    return start_config.encoder in (config.encoder, coarse) and start_config.framing == config.framing
 
 
 def _widen(weight: Tensor, shape: torch.Size) -> Tensor:

@@ -21,8 +21,8 @@ from model.training.log import log_line
 from model.training.losses import training_loss
 from model.training.memory import keep_freed_memory
 from model.training.optimization import set_learning_rate
-from model.training.state import RunState
-from model.training.validation import score, validate
+from model.training.state import RunState, open_run, score
+from model.training.validation import validate
 
 CHECKPOINT_EVERY_S: Final = 600.0
 LOG_EVERY: Final = 50  # steps
@@ -66,19 +66,6 @@ def train(data: Path, run: Path, config: TrainConfig) -> Path:
                 state.save(run, score(figures))
                 last_save = time.monotonic()
     return chosen_checkpoint(run)
-
-
-def open_run(run: Path, config: TrainConfig) -> RunState:
-    """Make the run's folder and return its state: resumed from its last checkpoint, else new.
-
-    Raises
-    ------
-    FileNotFoundError, ValueError : as `train`.
-    """
-    if (config.minutes if config.steps is None else config.steps) <= 0:
-        raise ValueError("the budget, minutes or steps, must be above 0")
-    run.mkdir(parents=True, exist_ok=True)
-    return RunState.resume(run, config) if (run / "last.pt").exists() else RunState.begin(config)
 
 
 def batch_parts(network: nn.Module, config: TrainConfig) -> int:

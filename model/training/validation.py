@@ -31,8 +31,3 @@ def validate(network: nn.Module, config: TrainConfig, validation: Examples) -> d
             metrics += [compare(*clouds) for clouds in zip(predicted.numpy(), true, strict=True)]
     means = {name: float(np.mean([each[name] for each in metrics])) for name in ("cd_sq", "f@1%", "f@2%")}
     return {"val": means.pop("cd_sq") / 100, **means}
-
-
-def score(figures: dict[str, float]) -> float:
-    """Return the sum of F@1% and F@2%, by which the best checkpoint is chosen."""
-    return figures["f@1%"] + figures["f@2%"]

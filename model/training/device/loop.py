@@ -4,11 +4,12 @@ import time
 from pathlib import Path
 from typing import Final, TextIO
 
-from model.config import TrainConfig
+from model.config import DeviceOptions, TrainConfig
+from model.data.packed.options import IMAGENET
 from model.training.checkpoints import chosen_checkpoint
 from model.training.device.data import DeviceData, load_data
 from model.training.device.draws import Draws
-from model.training.device.options import DeviceOptions
+from model.training.device.placement import torch_device
 from model.training.device.steps import Steps
 from model.training.device.validation import validate
 from model.training.log import log_line
@@ -31,10 +32,11 @@ def train_on_device(data: Path, run: Path, config: TrainConfig, options: DeviceO
     FloatingPointError : the loss is not finite any more.
     """
     call = time.monotonic()
-    state = open_run(run, config, options.torch_device)
+    imagenet = Path(options.packed) / IMAGENET if options.packed else None
+    state = open_run(run, config, torch_device(options), imagenet)
     loaded = load_data(data, state.config, options)
     print(
-        f"{options.torch_device}: {len(loaded.train.images):,} views of {len(loaded.train.counts):,} shapes, "
+        f"{torch_device(options)}: {len(loaded.train.images):,} views of {len(loaded.train.counts):,} shapes, "
         f"{loaded.train.gigabytes:.1f} GB, loaded in {time.monotonic() - call:.1f} s",
         flush=True,
     )
@@ -49,15 +51,17 @@ def _take_steps(
 ) -> None:
     """Step, log, validate and save until the budget or the time of this call is spent."""
     steps = Steps(state, Draws(data.train, data.grounds, state.config), options.graphs, options.compile)
-    start, last_save = time.monotonic() - state.elapsed_s, time.monotonic()
+    start, last_save, last_log = time.monotonic() - state.elapsed_s, time.monotonic(), time.monotonic()
     while state.progress < 1:
         steps.take()
         now = time.monotonic()
         state.elapsed_s = now - start
         is_last = state.progress >= 1 or now >= stop_at
         if state.step % LOG_EVERY == 0 or is_last:
-            rate = steps.images_per_s
-            _report(log, state, {"loss": steps.mean_loss(), "images_per_s": round(rate)})
+            loss, count = steps.mean_loss()
+            rate = count * state.config.batch / (time.monotonic() - last_log)
+            _report(log, state, {"loss": loss, "images_per_s": round(rate)})
+            last_log = time.monotonic()
         if is_last or now - last_save > CHECKPOINT_EVERY_S:
             figures = validate(state.average, state.config, data.validation)
             _report(log, state, figures)

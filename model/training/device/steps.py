@@ -63,21 +63,21 @@ class Steps:
         state.step += 1
         self._count += 1
 
-    def mean_loss(self) -> float:
-        """Return the mean loss since the last call: the host waits for the device.
+    def mean_loss(self) -> tuple[float, int]:
+        """Return the mean loss since the last call and the steps that it is over: the host waits for the device.
 
         Raises
         ------
         FloatingPointError : it is not finite.
         """
-        loss = float(self._loss) / max(1, self._count)
+        count, self._count = self._count, 0
+        loss = float(self._loss) / max(1, count)
         self._loss.zero_()
-        self._count = 0
         if not np.isfinite(loss):
             raise FloatingPointError(
                 f"the loss is {loss} at step {self.state.step}: resume with a lower --learning-rate"
             )
-        return loss
+        return loss, count
 
     def _set_inputs(self, progress: float) -> None:
         """Set what differs from step to step: objects, learning rates, the average's share, the random seed."""
@@ -106,7 +106,7 @@ class Steps:
 
     def _compute_aside(self, progress: float) -> None:
         """Run one step on another stream, as CUDA asks for before a capture."""
-        stream = torch.cuda.Stream()
+        stream = torch.cuda.Stream()  # type: ignore[no-untyped-call]
         stream.wait_stream(torch.cuda.current_stream())
         with torch.cuda.stream(stream):
             self._compute(progress)

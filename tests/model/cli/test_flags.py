@@ -27,6 +27,7 @@ ALL_FLAGS: dict[str, Any] = {
     "projection": 0.75,
     "minutes": 1.5,
     "steps": 5,
+    "images": 8,
     "late_from": 0.4,
     "late_points": 6,
     "late_target_points": 7,

@@ -67,9 +67,9 @@ def measure_parts(device: torch.device, size: int, batch: int) -> str:
     parts: dict[str, Callable[[], object]] = {
         "batch drawn and augmented": lambda: steps.draws.batch(units, config.late_points, config.late_target_points),
         "encoder, forward": lambda: encoder(images),
-        "encoder, forward and backward": lambda: encoder(images).square().mean().backward(),
+        "encoder, forward and backward": lambda: _backward(encoder(images).square().mean()),
         "mapping function, forward": lambda: power(config.spec, theta.detach(), canonical),
-        "mapping function, forward and backward": lambda: power(config.spec, theta, canonical).mean().backward(),
+        "mapping function, forward and backward": lambda: _backward(power(config.spec, theta, canonical).mean()),
         "nearest, predicted to true": lambda: nearest(points, true),
         "nearest, true to predicted": lambda: nearest(true[:, : 2 * config.late_points], points),
         "late loss, forward and backward": lambda: _backward(late_chamfer(points, true)),
@@ -90,7 +90,8 @@ def _steps(device: torch.device, size: int, batch: int, late: bool, graphs: bool
         TrainConfig(), encoder=LITE0, framing=Framing(size), batch=batch, steps=10**6, late_from=0.0 if late else 1.0
     )
     torch.cuda.reset_peak_memory_stats()
-    return Steps(RunState(config, device), Draws(_data(device, size), _grounds(device, size), config), graphs, compiled)
+    draws = Draws(_data(device, size), _grounds(device, size), config)
+    return Steps(RunState(config, device), draws, graphs, compiled)
 
 
 def _data(device: torch.device, size: int) -> Tensors:
@@ -140,7 +141,7 @@ def _profile(call: Callable[[], object]) -> tuple[float, str]:
             call()
         torch.cuda.synchronize()
         wall_us = 1e6 * (time.perf_counter() - start)
-    kernels = [event for event in profiler.events() or [] if event.device_type == torch.autograd.DeviceType.CUDA]
+    kernels = [event for event in profiler.events() or [] if event.device_type.name == "CUDA"]
     spans = sorted((event.time_range.start, event.time_range.end) for event in kernels)
     busy, until = 0.0, 0.0
     for begin, end in spans:
