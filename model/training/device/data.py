@@ -54,12 +54,12 @@ def load_data(data: Path, config: TrainConfig, options: DeviceOptions) -> Device
 def tensors_of(examples: Examples) -> Tensors:
     """Arrange a split that was loaded from a data set's folder."""
     named = [(entry.id, entry.source, shapes) for entry, shapes in zip(examples.entries, examples.shapes, strict=True)]
-    made = [(f"{MADE_SOURCE}/{number}", MADE_SOURCE, shapes) for number, shapes in enumerate(examples.made)]
+    made = [(f"{MADE_SOURCE}/{number}", MADE_SOURCE, shapes) for number, shapes in enumerate(examples.pieces)]
     shapes = [shape for _, _, of_unit in named + made for shape in of_unit]
-    is_colored = all(shape.colours is not None for shape in shapes)
+    is_colored = all(shape.colors is not None for shape in shapes)
     rng = np.random.default_rng(0)
     orders = [rng.permutation(len(shape.points)) for shape in shapes]  # draws take points that follow each other
-    colors = [shape.colours[order] for shape, order in zip(shapes, orders, strict=True) if shape.colours is not None]
+    colors = [shape.colors[order] for shape, order in zip(shapes, orders, strict=True) if shape.colors is not None]
     return arrange(
         list(_rows(named + made)),
         np.concatenate([shape.crops for shape in shapes]),
@@ -73,7 +73,7 @@ def _rows(units: list[tuple[str, str, list[Shape]]]) -> Iterable[Row]:
         for number, shape in enumerate(shapes):
             place = number if source != MADE_SOURCE else OWN
             views = tuple(range(len(shape.crops)))
-            yield Row(unit, unit, source, "", place, views, len(shape.points), shape.colours is not None)
+            yield Row(unit, unit, source, "", place, views, len(shape.points), shape.colors is not None)
 
 
 def _open(path: Path) -> Image.Image:

@@ -149,7 +149,7 @@ def test_points_of_a_batch_lie_on_its_shapes_mirrored_with_their_images(options:
     assert batch.points.shape == (7, 300, 3)
     on_surface = (batch.points.abs() - batch.points.abs().amax(1, keepdim=True)).abs().amin(2)
     assert float(on_surface.max()) < 0.02  # each point lies on a face of its box
-    assert batch.colours is not None
+    assert batch.colors is not None
 
 
 @pytest.mark.parametrize("domain", list(DOMAIN_DIMS))
