@@ -9,12 +9,12 @@ GLTF := tests/support/gltf/node_modules/.package-lock.json
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo serve test lint bench load soak results openapi clean
+.PHONY: help demo serve test lint bench load soak results gpu-check openapi clean
 
 demo serve: export U2NET_HOME ?= $(dir $(MATTING))
 
 help: ## list the targets
-	@sed -n 's/^\([a-z]*\):.*## \(.*\)/\1\t\2/p' $(MAKEFILE_LIST) | expand -t 10
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/\1\t\2/p' $(MAKEFILE_LIST) | expand -t 10
 
 demo: .venv/service.stamp $(MATTING) ## photos to points over HTTP; writes out/demo
 	$(BIN)/python demo/run.py --out out/demo
@@ -47,6 +47,10 @@ results: .venv/bench.stamp .venv/system.stamp ## build the data set, evaluate th
 	for model in model/weights/*.onnx; do $(BIN)/hof-model mixtures --model $$model || exit; done
 	$(BIN)/hof-model surfaces
 	$(BIN)/hof-model results
+
+# No stamp: a machine with a GPU may have torch and nothing of .venv.
+gpu-check: ## check the device operations and measure training, on a GPU
+	$(or $(wildcard $(BIN)/python),python3) -m model.training.device.check
 
 openapi: .venv/service.stamp ## write openapi.json as the service serves it
 	$(BIN)/hof openapi > openapi.json.part
