@@ -169,4 +169,4 @@ def _part(kind: type[Part], name: str, stored: Mapping[str, Any]) -> Part:
     try:
         return kind(**values)
     except TypeError as error:
-        raise TypeError(f"unusable {name} in the config, written by another version? {error}") from None
+        raise TypeError(f"unusable {name} in the config, perhaps written by another version: {error}") from None

@@ -1,7 +1,7 @@
-"""A checkpoint -> one ONNX file that says what it is: spec, framing, card; small and checked.
+"""Export an encoder to one ONNX file with its spec, framing and card, compressed and checked.
 
-Matrices are stored as float16 and computed in float32, so the shipped file is half the size; the torch
-encoder gets the same rounded numbers before the two are compared.
+Matrices are stored as float16 and computed in float32, which halves the file. The torch encoder gets the same
+rounded numbers before the two are compared.
 """
 
 import json
@@ -36,12 +36,12 @@ PARITY_POINTS: Final = 2_000
 def export(
     encoder: ImageEncoder, config: TrainConfig, card: dict[str, Any], output: Path, color: ColorHead | None = None
 ) -> dict[str, float]:
-    """Write `output` whole or not at all; returns the largest differences that `parity` found.
+    """Write `output`, whole or not at all, and return the largest differences of `parity` and `color_parity`.
 
     Parameters
     ----------
-    card : the model card; `name` is required by the service.
-    color : where given, the file has a second output `color`; theta is the same with it and without.
+    card : the model card; the service requires its `name`.
+    color : color head; the file then has a second output `color`. It does not change theta.
 
     Raises
     ------
@@ -76,8 +76,10 @@ def export(
 
 @torch.no_grad()
 def parity(encoder: ImageEncoder, config: TrainConfig, exported: Encoder, seed: int = 0) -> dict[str, float]:
-    """Largest differences, over random images, of theta (torch and onnxruntime) and of points (torch,
-    the NumPy reference, the service's sampler)."""
+    """Return the largest differences, over random images, of theta and points.
+
+    Theta is compared between torch and onnxruntime; points between torch, the NumPy reference and `Sampler`.
+    """
     spec = config.spec
     images = _random_images(config, seed)
     theta = encoder(torch.from_numpy(images))
@@ -96,8 +98,10 @@ def parity(encoder: ImageEncoder, config: TrainConfig, exported: Encoder, seed: 
 
 @torch.no_grad()
 def color_parity(network: ColoredEncoder, config: TrainConfig, exported: Encoder, seed: int = 0) -> dict[str, float]:
-    """Largest differences, over random images, of the colour's weights (torch and onnxruntime) and of colours in
-    [0, 1] (torch, the NumPy reference)."""
+    """Return the largest differences, over random images, of color weights and of colors in [0, 1].
+
+    Weights are compared between torch and onnxruntime; colors between torch and the NumPy reference.
+    """
     images = _random_images(config, seed)
     weights = network(torch.from_numpy(images))[1]
     weights_ort = np.stack([functions.color.weights for functions in exported.encode(images) if functions.color])
@@ -106,29 +110,30 @@ def color_parity(network: ColoredEncoder, config: TrainConfig, exported: Encoder
     reference = np.stack([mapping.power(spec, row, canonical) for row in weights_ort])
     return {
         "color: torch - onnxruntime": float(np.abs(weights.numpy() - weights_ort).max()),
-        "colours: torch - NumPy": float(np.abs(colors.clip(0, 1) - reference.clip(0, 1)).max()),
+        "colors: torch - NumPy": float(np.abs(colors.clip(0, 1) - reference.clip(0, 1)).max()),
     }
 
 
 def _random_images(config: TrainConfig, seed: int) -> mapping.Array:
+    """Return PARITY_IMAGES images of noise, (b, 3, size, size) in [0, 1]."""
     side = config.framing.size
     return np.random.default_rng(seed).random((PARITY_IMAGES, 3, side, side), np.float32)
 
 
 @torch.no_grad()
 def _round_matrices(network: nn.Module) -> None:
-    """Round every matrix and kernel to what float16 can hold; vectors keep float32."""
+    """Round every matrix and kernel to float16; vectors keep float32."""
     for parameter in network.parameters():
         if parameter.dim() > 1:
             parameter.copy_(parameter.half().float())
 
 
 def to_onnx(network: nn.Module, size: int, *outputs: str) -> onnx.ModelProto:
-    """A network of images (b, 3, size, size) as a graph with the input `image` and outputs of these names."""
+    """Return a network of images (b, 3, size, size) as a graph with the input `image` and the named outputs."""
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
-        # torch's newer exporter needs a further package and gives this graph no better file
+        # torch's newer exporter needs another package and gives no better file here
         warnings.simplefilter("ignore", DeprecationWarning)
-        warnings.filterwarnings("ignore", "Constant folding")  # of paddings: onnxruntime does it
+        warnings.filterwarnings("ignore", "Constant folding")  # of paddings, which onnxruntime folds
         path = Path(folder) / "network.onnx"
         torch.onnx.export(
             network.eval(),

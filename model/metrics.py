@@ -1,4 +1,4 @@
-"""Every metric convention, named, and its bootstrap intervals. Distances are in longest sides."""
+"""Metrics of point clouds under named conventions, and bootstrap intervals. Distances are in longest sides."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -17,12 +17,12 @@ LEVEL: Final = (2.5, 97.5)  # percentiles of the resampled means: a 95% interval
 
 
 def compare(predicted: Floats, true: Floats) -> dict[str, float]:
-    """All metrics of one predicted cloud (n, 3) against the true one (m, 3)."""
-    return summarise(nearest(predicted, true), nearest(true, predicted))
+    """Return all metrics of a predicted cloud (n, 3) against the true one (m, 3), by name."""
+    return summarize(nearest_distances(predicted, true), nearest_distances(true, predicted))
 
 
-def summarise(forward: Values, backward: Values) -> dict[str, float]:
-    """All metrics from the nearest distances predicted -> true (n,) and true -> predicted (m,).
+def summarize(forward: Values, backward: Values) -> dict[str, float]:
+    """Return all metrics from the nearest distances predicted -> true (n,) and true -> predicted (m,).
 
     cd_forward, cd_backward : cd_epcg, the mean unsquared nearest distance predicted -> true and
         true -> predicted, x100 (what the paper's tables compare with).
@@ -40,25 +40,25 @@ def summarise(forward: Values, backward: Values) -> dict[str, float]:
     return figures
 
 
-def nearest(queries: Floats, points: Floats) -> Values:
-    """Distance of each query (n, 3) to the nearest of the points (m, 3): (n,)."""
+def nearest_distances(queries: Floats, points: Floats) -> Values:
+    """Return the distance of each query (n, 3) to the nearest of the points (m, 3): (n,)."""
     distances: Values = cKDTree(points, balanced_tree=False, compact_nodes=False).query(queries)[0]
     return distances
 
 
 def floor(true: Floats) -> dict[str, float]:
-    """What a fresh sample of the same surface would get against the true points (m, 3).
+    """Return the metrics of a fresh sample of the same surface against the true points (m, 3): the sampling floor.
 
-    Each true point stands in for a fresh one, compared with all others.
+    Each true point takes the place of a fresh one and is compared with all others.
     """
     distances: Values = cKDTree(true).query(true, k=2)[0][:, 1]
-    return summarise(distances, distances)
+    return summarize(distances, distances)
 
 
 def interval(values: Values, seed: int = 0) -> tuple[float, float, float]:
-    """Mean of per-object values (n,) and its 95% bootstrap interval over objects: mean, low, high.
+    """Return the mean of per-object values (n,) and its 95% bootstrap interval over objects: mean, low, high.
 
-    Of differences between two methods on the same objects, it is the paired interval.
+    For differences between two methods on the same objects, this is the paired interval.
     """
     rng = np.random.default_rng(seed)
     means = values[rng.integers(len(values), size=(RESAMPLES, len(values)))].mean(axis=1)
@@ -67,14 +67,14 @@ def interval(values: Values, seed: int = 0) -> tuple[float, float, float]:
 
 
 def class_uniform(values: Values, classes: Sequence[str], seed: int = 0) -> tuple[float, float, float]:
-    """Mean over classes of the class means of per-object values (n,), and its 95% bootstrap interval.
+    """Return the mean over classes of the class means of per-object values (n,), and its 95% bootstrap interval.
 
-    Objects are resampled within their class. The plain mean of `interval` is the class-weighted one: a
-    class counts by its share of the objects (paper, section 4.1: F1 and cw-F1).
+    Objects are resampled within their class. The mean of `interval` is class-weighted: a class counts by its share
+    of the objects (paper, section 4.1: F1 and cw-F1).
     """
     rng = np.random.default_rng(seed)
     labels = np.array(classes)
     groups = [values[labels == name] for name in sorted(set(classes))]
-    drawn = [group[rng.integers(len(group), size=(RESAMPLES, len(group)))].mean(axis=1) for group in groups]
-    low, high = np.percentile(np.mean(drawn, axis=0), LEVEL)
+    resampled = [group[rng.integers(len(group), size=(RESAMPLES, len(group)))].mean(axis=1) for group in groups]
+    low, high = np.percentile(np.mean(resampled, axis=0), LEVEL)
     return float(np.mean([group.mean() for group in groups])), float(low), float(high)

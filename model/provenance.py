@@ -1,4 +1,4 @@
-"""Where and when a figure was made: machine, date, commit."""
+"""Provenance of a result: machine, date, commit."""
 
 import os
 import platform
@@ -11,7 +11,7 @@ ROOT: Final = Path(__file__).resolve().parent.parent
 
 
 def provenance(seed: int) -> dict[str, str | int]:
-    """Machine, date (UTC), seed and commit of a run, for the head of a results file."""
+    """Return the machine, date (UTC), seed and commit of a run, for the head of a results file."""
     return {
         "machine": f"{_processor()}, {os.cpu_count()} cores, {platform.system()}, Python {platform.python_version()}",
         "date": datetime.now(UTC).strftime("%Y-%m-%d"),
@@ -21,16 +21,17 @@ def provenance(seed: int) -> dict[str, str | int]:
 
 
 def _processor() -> str:
-    information = Path("/proc/cpuinfo")
-    if information.exists():
-        for line in information.read_text(encoding="utf-8").splitlines():
+    """Return the processor's name."""
+    cpu_info = Path("/proc/cpuinfo")
+    if cpu_info.exists():
+        for line in cpu_info.read_text(encoding="utf-8").splitlines():
             if line.startswith("model name"):
                 return line.partition(":")[2].strip()
     return platform.processor() or platform.machine()
 
 
 def _commit() -> str:
-    """The checked-out commit, marked where tracked files differ from it."""
+    """Return the checked-out commit, marked where tracked files differ from it."""
     try:
         head = _git("rev-parse", "--short=12", "HEAD")
         return f"{head} with local changes" if _git("status", "--porcelain", "--untracked-files=no") else head
@@ -39,5 +40,6 @@ def _commit() -> str:
 
 
 def _git(*arguments: str) -> str:
+    """Return the output of git in this repository."""
     command = ["git", "-C", str(ROOT), *arguments]
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()  # noqa: S603

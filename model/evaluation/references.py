@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from model.data.manifest import COLORS, Entry, Manifest
 from model.evaluation.features import FRAMING, Features, training_bank
-from model.metrics import nearest
+from model.metrics import nearest_distances
 from service.encoding.framing import preprocess
 
 Floats = npt.NDArray[np.float32]
@@ -104,7 +104,7 @@ class Retrieval:
 
 def summed_distance(a: Floats, b: Floats) -> float:
     """Return cd_epcg between two clouds (n, 3) and (m, 3), both directions summed, in longest sides."""
-    return float(nearest(a, b).mean() + nearest(b, a).mean())
+    return float(nearest_distances(a, b).mean() + nearest_distances(b, a).mean())
 
 
 def _points(data: Path, entry: Entry) -> Floats:

@@ -1,7 +1,7 @@
-"""Colour: a second small mapping on the same canonical points, its weights from a head behind the frozen encoder.
+"""Color: a second small mapping on the same canonical points, its weights from a head behind the frozen encoder.
 
-f_color(x), clipped to [0, 1], is the sRGB colour of the point f^k(x). The head reads what the encoder has seen
-and changes nothing in it: a model's geometry is the same with colour and without.
+f_color(x), clipped to [0, 1], is the sRGB color of the point f^k(x). The head reads the encoder's features and
+changes nothing in it: a model's geometry is the same with color and without.
 """
 
 import hashlib
@@ -22,21 +22,21 @@ HIDDEN: Final = 256  # units of f_color
 WIDTHS: Final = (256, 256)  # of the head
 DROPOUT: Final = 0.3
 RANK: Final = 128
-START: Final = 0.45  # of each of the three colours in the mix: renders are about that much darker than materials
-CELLS: Final = 16  # the image is seen as so many cells each way
+START: Final = 0.45  # of each of the three colors in the mix, since renders are darker than materials
+CELLS: Final = 16  # cells along each side of the image
 
 
 def color_spec(geometry: MappingSpec) -> MappingSpec:
-    """What a colour's weights mean: 1,795 numbers on three canonical dimensions."""
+    """Return the spec of f_color: 1,795 numbers on three canonical dimensions."""
     return replace(geometry, name="HOF-C", hidden=(HIDDEN,), output_dim=3, activation="relu", k=1)
 
 
 class ColorHead(nn.Module):
-    """What `look` sees -> the weights of f_color = P^T m, a mix m(x) of three colours that are read off the image.
+    """Inputs of `look` -> the weights of f_color = P^T m, a mix m(x) of three colors taken from the image.
 
-    The three, P, are means over the image's cells, weighted by where the head looks, and a small correction: so
-    it need not know by heart what colour an object has. m: R^d -> R^3 is a mapping of f_color's own shape, whose
-    last layer P turns. 1.4 million numbers for HOF-1's encoder, 2.8 MB as exported.
+    The three colors P are means over the image's cells, weighted by attention, plus a small correction: the head need
+    not remember the colors of objects. m: R^d -> R^3 is a mapping of f_color's own shape, whose last layer P
+    multiplies. 1.4 million numbers for HOF-1's encoder, 2.8 MB as exported.
     """
 
     def __init__(self, spec: MappingSpec, inputs: int) -> None:
@@ -54,23 +54,23 @@ class ColorHead(nn.Module):
         nn.init.zeros_(self.correction.weight)
         nn.init.zeros_(self.correction.bias)
 
-    def forward(self, seen: Tensor) -> Tensor:
+    def forward(self, head_inputs: Tensor) -> Tensor:
         """(b, inputs) -> (b, spec.size)."""
-        cells = seen[:, -3 * CELLS**2 :].reshape(-1, 3, CELLS**2)
-        features = self.layers(seen)
+        cells = head_inputs[:, -3 * CELLS**2 :].reshape(-1, 3, CELLS**2)
+        features = self.layers(head_inputs)
         weights = self.where(features).unflatten(1, (3, CELLS**2)).softmax(dim=2)
-        colours = weights @ cells.transpose(1, 2)  # (b, 3 colours, red green blue)
-        colours = colours + self.correction(features).unflatten(1, (3, 3))
+        colors = weights @ cells.transpose(1, 2)  # (b, 3 colors, red green blue)
+        colors = colors + self.correction(features).unflatten(1, (3, 3))
         sizes = [self.spec.size - 3 * HIDDEN - 3, 3 * HIDDEN, 3]
         first, matrix, biases = self.mix(features).split(sizes, dim=1)  # m's first layer; its last
-        turn = colours.transpose(1, 2)  # P^T
-        matrix = (turn @ matrix.reshape(-1, 3, HIDDEN)).reshape(-1, 3 * HIDDEN)
-        biases = (turn @ biases.reshape(-1, 3, 1)).reshape(-1, 3)
+        transposed = colors.transpose(1, 2)  # P^T
+        matrix = (transposed @ matrix.reshape(-1, 3, HIDDEN)).reshape(-1, 3 * HIDDEN)
+        biases = (transposed @ biases.reshape(-1, 3, 1)).reshape(-1, 3)
         return torch.cat([first, matrix, biases], dim=1)
 
 
 class ColoredEncoder(nn.Module):
-    """An encoder and its colour head: an image -> theta, and the weights of f_color."""
+    """An encoder and its color head: an image -> theta and the weights of f_color."""
 
     def __init__(self, encoder: ImageEncoder, head: ColorHead) -> None:
         super().__init__()
@@ -79,15 +79,15 @@ class ColoredEncoder(nn.Module):
 
     def forward(self, image: Tensor) -> tuple[Tensor, Tensor]:
         """(b, 3, size, size) in [0, 1] -> (b, spec.size), (b, color_spec.size)."""
-        theta, seen = look(self.encoder, image)
-        return theta, self.head(seen)
+        theta, head_inputs = look(self.encoder, image)
+        return theta, self.head(head_inputs)
 
 
 def look(encoder: ImageEncoder, image: Tensor) -> tuple[Tensor, Tensor]:
-    """theta of images (b, 3, size, size), and what a colour head reads of them (b, inputs).
+    """Return theta of images (b, 3, size, size), and the color head's inputs (b, inputs).
 
-    That is the trunk's features and last maps, and the mean colours of CELLS x CELLS cells: training geometry
-    under any light has taught the features to forget most of an object's colour.
+    The inputs are the trunk's features and last maps, and the mean colors of CELLS x CELLS cells: trained for geometry
+    under any light, the features keep little of an object's color.
     """
     maps, features = encoder.look(image)
     cells = nnf.avg_pool2d(image, image.shape[-1] // CELLS)
@@ -95,15 +95,15 @@ def look(encoder: ImageEncoder, image: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def digest(encoder: ImageEncoder) -> str:
-    """sha256 of an encoder's weights: tells which one a colour head was trained on."""
-    found = hashlib.sha256()
+    """Return the sha256 of an encoder's weights, by which a color head names its encoder."""
+    result = hashlib.sha256()
     for value in encoder.state_dict().values():
-        found.update(value.contiguous().numpy().tobytes())
-    return found.hexdigest()
+        result.update(value.contiguous().numpy().tobytes())
+    return result.hexdigest()
 
 
 def save(head: ColorHead, encoder: ImageEncoder, training: dict[str, Any], run: Path) -> Path:
-    """Write the head beside the checkpoint that it belongs to; `training` tells steps and minutes."""
+    """Write the head beside its checkpoint and return the path; `training` is for the model card."""
     path = run / FILE
     with whole_file(path) as file:
         torch.save({"encoder": digest(encoder), "head": head.state_dict(), "training": training}, file)
@@ -111,11 +111,11 @@ def save(head: ColorHead, encoder: ImageEncoder, training: dict[str, Any], run: 
 
 
 def load(run: Path, encoder: ImageEncoder, geometry: MappingSpec) -> tuple[ColorHead, dict[str, Any]] | None:
-    """A run's colour head and how it was trained; None where it has none.
+    """Return a run's color head and its training for the card; None where the run has no head.
 
     Raises
     ------
-    ValueError : it was trained on another checkpoint than the one that `encoder` comes from.
+    ValueError : the head was trained on another encoder than `encoder`.
     """
     path = run / FILE
     if not path.exists():

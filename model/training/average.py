@@ -1,4 +1,4 @@
-"""Means of weights: the exponential moving average over a run, which is what is exported, and the mean of two runs."""
+"""Means of weights: the moving average over a run, which is exported, and the blend of two runs."""
 
 from pathlib import Path
 from typing import Final
@@ -19,24 +19,24 @@ def ema_decay(step: int) -> float:
 
 @torch.no_grad()
 def update_average(average: nn.Module, network: nn.Module, step: int) -> None:
-    """One step of the moving average, over weights and BatchNorm's statistics alike.
+    """Move the average one step, over weights and BatchNorm's statistics alike.
 
-    Its decay is EMA_DECAY, and less in the first steps, so that the start is soon forgotten.
+    The decay is EMA_DECAY, and less in the first steps, so that the start is soon forgotten.
     """
     decay = ema_decay(step)
-    now = network.state_dict()
-    for name, kept in average.state_dict().items():
-        if kept.is_floating_point():
-            kept.lerp_(now[name], 1 - decay)
+    current = network.state_dict()
+    for name, mean in average.state_dict().items():
+        if mean.is_floating_point():
+            mean.lerp_(current[name], 1 - decay)
         else:
-            kept.copy_(now[name])
+            mean.copy_(current[name])
 
 
 def blend(run: Path, later: Path, share: float, out: Path) -> Path:
-    """Write `out/best.pt`, the mean of two runs' chosen checkpoints, `share` of it the later one's; return its path.
+    """Write `out/best.pt`, the mean of two runs' chosen checkpoints, and return its path.
 
-    Of a run and one that started from it, the mean may be better than both (Wortsman et al. 2022, model soups). Either
-    may be an exported model instead.
+    The mean of a run and one that started from it may be better than both (Wortsman et al. 2022, model soups). Either
+    may be an exported model instead. `share` is the weight of the later run.
 
     Raises
     ------
@@ -44,16 +44,17 @@ def blend(run: Path, later: Path, share: float, out: Path) -> Path:
     ValueError : the runs are not of the same network, or `share` is not in [0, 1].
     """
     if not 0 <= share <= 1:
-        raise ValueError(f"share is {share}, it must be from 0 to 1")
+        raise ValueError(f"--share is {share}, it must be from 0 to 1")
     (first, config, _), (second, later_config, spent) = (
         load_network(each if each.is_file() else chosen_checkpoint(each)) for each in (run, later)
     )
-    for what in ("spec", "encoder", "framing", "method"):
-        if getattr(config, what) != getattr(later_config, what):
-            raise ValueError(f"{run} and {later} differ in their {what}")
-    average, theirs = first.state_dict(), second.state_dict()
+    for part in ("spec", "encoder", "framing", "method"):
+        if getattr(config, part) != getattr(later_config, part):
+            raise ValueError(f"{run} and {later} differ in their {part}: only runs of one network can be blended")
+    average, later_weights = first.state_dict(), second.state_dict()
     for name, weight in average.items():
-        average[name] = torch.lerp(weight, theirs[name], share) if weight.is_floating_point() else theirs[name]
+        other = later_weights[name]
+        average[name] = torch.lerp(weight, other, share) if weight.is_floating_point() else other
     out.mkdir(parents=True, exist_ok=True)
     path = out / "best.pt"
     with whole_file(path) as file:

@@ -23,23 +23,22 @@ CHUNK: Final = 10_000  # points that a predictor computes at once
 
 
 def chosen_checkpoint(run: Path) -> Path:
-    """A run's checkpoint that was best on the validation split (F@1% and F@2%), or its last where none was chosen."""
+    """Return a run's best checkpoint on the validation split (F@1% + F@2%), or its last where none was chosen."""
     best = run / "best.pt"
     return best if has_checkpoint(best) else run / "last.pt"
 
 
 def load_network(checkpoint: Path) -> tuple[nn.Module, TrainConfig, dict[str, Any]]:
-    """The averaged network of a checkpoint in evaluation mode, its config, and `step` and `elapsed_s`.
+    """Return the averaged network of a checkpoint in evaluation mode, its config, and `step` and `elapsed_s`.
 
-    These two count what the runs before it took that it started from. An ONNX file of `model.export` is a checkpoint
-    too, its matrices rounded to float16.
+    Both counts include the runs that it started from. An ONNX file of `model.export` is a checkpoint too, with
+    matrices rounded to float16.
 
     Raises
     ------
     FileNotFoundError : no such checkpoint.
     InvalidModel : an ONNX file that is no image encoder.
-    ValueError : no checkpoint, or an ONNX file whose card does not tell its config, or that holds not all weights by
-        name.
+    ValueError : no checkpoint, or an ONNX file without a config in its card or without all weights by name.
     """
     if checkpoint.suffix == ".onnx":
         return _exported(checkpoint)
@@ -55,7 +54,7 @@ def load_network(checkpoint: Path) -> tuple[nn.Module, TrainConfig, dict[str, An
 
 
 def _exported(file: Path) -> tuple[nn.Module, TrainConfig, dict[str, Any]]:
-    """The network that an ONNX file was exported from; its card says what it is."""
+    """Return the network that an ONNX file was exported from, by its weights and card."""
     import onnx  # not needed by runs from checkpoints, on machines that have neither
     from onnx import numpy_helper
 
@@ -76,21 +75,21 @@ def _exported(file: Path) -> tuple[nn.Module, TrainConfig, dict[str, Any]]:
         source = name if is_colored else name.removeprefix("encoder.")
         if source in stored:
             weights[name] = torch.from_numpy(stored[source].astype(np.float32))
-        elif name.endswith("num_batches_tracked"):  # counted, never used
+        elif name.endswith("num_batches_tracked"):  # a counter that nothing reads
             weights[name] = value
         else:
-            raise ValueError(f"{file} holds no {source}, it may equal another weight: start from a .pt file")
+            raise ValueError(f"{file} lacks {source}, perhaps merged with an equal weight: start from a .pt file")
     network.load_state_dict(weights)
     return network.eval(), config, {"step": training["steps"], "elapsed_s": 60 * training["minutes"]}
 
 
 def load_encoder(checkpoint: Path) -> tuple[ImageEncoder, TrainConfig, dict[str, Any]]:
-    """The image encoder of a HOF checkpoint; the rest as `load_network` has it.
+    """Return the image encoder of a HOF checkpoint; the rest as `load_network`.
 
     Raises
     ------
     FileNotFoundError : no such checkpoint.
-    ValueError : the checkpoint is of a method that has no theta.
+    ValueError : the checkpoint's method has no theta.
     """
     network, config, run = load_network(checkpoint)
     if not isinstance(network, Hof):
@@ -101,9 +100,9 @@ def load_encoder(checkpoint: Path) -> tuple[ImageEncoder, TrainConfig, dict[str,
 
 
 def predictor(network: nn.Module, config: TrainConfig) -> Predictor:
-    """(images (b, 3, s, s) in [0, 1], n, seed) -> points (b, n, 3), all float32: any method alike.
+    """Return a function (images (b, 3, s, s) in [0, 1], n, seed) -> points (b, n, 3), float32, for any method.
 
-    `direct` has 1,024 points of its own: it answers them in a seeded order, repeated where n is larger.
+    `direct` has 1,024 points of its own: it gives them in a seeded order, repeated where n is larger.
     """
 
     @torch.no_grad()

@@ -1,4 +1,4 @@
-"""What training minimises: the symmetric Chamfer distance, late and early, and the projection regularisation."""
+"""Training losses: the symmetric Chamfer distance, early and late, and the projection regularization."""
 
 from typing import Final
 
@@ -7,9 +7,9 @@ from torch import Tensor
 from model.config import TrainConfig
 from model.networks.ops.dispatch import nearest
 
-SATURATION: Final = 0.02  # longest sides: where a distance stops to matter to the F-score-like term
+SATURATION: Final = 0.02  # longest sides; the smooth F-score hardly changes beyond it
 F_WEIGHT: Final = 0.1  # of that term; its slope at distance 0 is F_WEIGHT / SATURATION
-BACKWARD: Final = 2  # true points that look for a predicted one, for each predicted one that looks for a true one
+BACKWARD: Final = 2  # true points matched to predicted ones, for each predicted point
 TINY: Final = 1e-12  # squared longest sides: keeps the root's gradient finite at distance 0
 LATE_SCALE: Final = 0.125  # of the late loss: its gradient becomes as large as the squared loss's, as Adam expects
 
@@ -29,7 +29,7 @@ def training_loss(config: TrainConfig, predicted: Tensor, canonical: Tensor, tru
 
 
 def chamfer(predicted: Tensor, true: Tensor) -> Tensor:
-    """CD(P, T) + CD(T, P) of the paper's eq. 3 (squared distances), mean over the batch.
+    """Return CD(P, T) + CD(T, P) of the paper's eq. 3 (squared distances), mean over the batch.
 
     Parameters
     ----------
@@ -40,30 +40,30 @@ def chamfer(predicted: Tensor, true: Tensor) -> Tensor:
 
 
 def late_chamfer(predicted: Tensor, true: Tensor) -> Tensor:
-    """Mean of d + F_WEIGHT (1 - exp(-d / SATURATION)) over both directions' nearest distances d, summed.
+    """Return the mean of d + F_WEIGHT (1 - exp(-d / SATURATION)) over nearest distances d, both directions summed.
 
-    The first term is cd_epcg. The second acts as a smooth F-score: it rewards points that come close
-    and lets go of those that are far. Shapes as in `chamfer`. Where there are many true points, in an order without
-    meaning, the first BACKWARD n of them suffice for the second direction; all are there to be found by the first.
+    The first term is cd_epcg. The second is a smooth F-score: it rewards close points and ignores far ones. Shapes as
+    in `chamfer`. Predicted points are matched to all true points; of the true points, whose order must be random, only
+    the first BACKWARD n are matched to predicted ones.
     """
     loss = predicted.new_zeros(())
-    asking = true[:, : BACKWARD * predicted.shape[1]]
-    for squared in (_squared_distances(predicted, true), _squared_distances(asking, predicted)):
+    matched = true[:, : BACKWARD * predicted.shape[1]]
+    for squared in (_squared_distances(predicted, true), _squared_distances(matched, predicted)):
         distance = (squared + TINY).sqrt()
         loss = loss + (distance + F_WEIGHT * (1 - (-distance / SATURATION).exp())).mean()
     return loss
 
 
 def projection(predicted: Tensor, canonical: Tensor) -> Tensor:
-    """Mean squared distance that points travel (paper, eq. 6): (b, n, 3) both -> scalar."""
+    """Return the mean squared distance that points travel (paper, eq. 6): (b, n, 3) both -> scalar."""
     return (predicted - canonical).square().sum(-1).mean()
 
 
 def _squared_distances(queries: Tensor, targets: Tensor) -> Tensor:
-    """Squared distance of each query (b, n, 3) to its nearest target (b, m, 3): (b, n)."""
+    """Return the squared distance of each query (b, n, 3) to its nearest target (b, m, 3): (b, n)."""
     return (gather(targets, nearest(queries, targets)) - queries).square().sum(-1)
 
 
 def gather(points: Tensor, index: Tensor) -> Tensor:
-    """What a point's index stands for, per batch element: (b, m, 3), (b, n) int64 -> (b, n, 3)."""
+    """Gather points by index, per batch element: (b, m, 3), (b, n) int64 -> (b, n, 3)."""
     return points.gather(1, index.unsqueeze(-1).expand(-1, -1, 3))

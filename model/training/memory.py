@@ -1,4 +1,4 @@
-"""Keep freed memory in the process: a training step allocates the same 100 MB blocks every time."""
+"""Keep freed memory in the process, since every training step allocates the same 100 MB blocks."""
 
 import ctypes
 import sys
@@ -9,9 +9,9 @@ M_MMAP_MAX: Final = -4
 
 
 def keep_freed_memory() -> bool:
-    """Tell glibc to reuse large freed blocks, not to return them to the kernel and fault them in anew.
+    """Tell glibc to reuse large freed blocks instead of returning them to the kernel.
 
-    It made a training step about a quarter shorter. Returns whether the C library took it.
+    This made a training step about a quarter shorter. Return whether the C library accepted it.
     """
     if not sys.platform.startswith("linux"):
         return False

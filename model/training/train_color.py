@@ -1,7 +1,7 @@
-"""`hof-model color`: the colour head of a trained run. The encoder's weights stay as they are.
+"""Train the color head of a trained run (`hof-model color`). The encoder's weights stay unchanged.
 
-Drawing a batch and looking at it costs several times what a step of the head does, so that each image is
-learnt from several times, among the last ones that are kept.
+Drawing a batch and encoding it costs several times a step of the head. So the latest batches are kept, and each
+serves several steps.
 """
 
 import time
@@ -29,25 +29,25 @@ from model.training.memory import keep_freed_memory
 from model.training.optimization import set_learning_rate
 from service.mapping.spec import MappingSpec
 
-SMOOTHING: Final = 0.01  # share of a step's loss in the shown one
+SMOOTHING: Final = 0.01  # share of a step's loss in the displayed loss
 
 
 @dataclass(frozen=True)
-class Seen:
-    """A batch as the head sees it: inputs (b, i), canonical points (b, n, d), and their colours (b, n, 3) uint8."""
+class HeadBatch:
+    """A batch for the head: inputs (b, i), canonical points (b, n, d), and their colors (b, n, 3) uint8."""
 
     inputs: Tensor
     canonical: Tensor
-    colours: Tensor
+    colors: Tensor
 
 
 def train_color(data: Path, run: Path, config: ColorConfig) -> Path:
-    """Train a colour head for the run's chosen checkpoint, write `run/color.pt` and return its path.
+    """Train a color head for the run's chosen checkpoint, write `run/color.pt` and return its path.
 
     Raises
     ------
     FileNotFoundError : no data set, or no checkpoint.
-    ValueError : the run is not of HOF, or the data set has no colours.
+    ValueError : the run is not of HOF, or the data set has no colors.
     """
     encoder, run_config, _ = load_encoder(chosen_checkpoint(run))
     drawing = replace(run_config, seed=config.seed, points=config.points, target_points=config.target_points)
@@ -55,15 +55,15 @@ def train_color(data: Path, run: Path, config: ColorConfig) -> Path:
     torch.manual_seed(config.seed)
     examples, side = load_examples(data, "train", drawing.framing), drawing.framing.size
     head = ColorHead(color_spec(drawing.spec), look(encoder, torch.zeros(1, 3, side, side))[1].shape[1])
-    learner, kept = _Learner(head, config), deque[Seen](maxlen=config.kept_batches)
+    learner, kept = _Learner(head, config), deque[HeadBatch](maxlen=config.kept_batches)
     rng, draws, elapsed_s, budget_s = np.random.default_rng(config.seed), 0, 0.0, 60 * config.minutes
     with tqdm(total=round(budget_s), unit="s", desc="color") as bar:
         started = time.monotonic()
         while elapsed_s < budget_s:
-            kept.append(see(encoder, drawing.spec, draw_batch(examples, drawing, draws, WHITE_LIGHT)))
+            kept.append(observe(encoder, drawing.spec, draw_batch(examples, drawing, draws, WHITE_LIGHT)))
             draws += 1
-            again = rng.integers(len(kept), size=config.steps_per_batch - 1)
-            for batch in [kept[-1], *(kept[index] for index in again)]:
+            indices = rng.integers(len(kept), size=config.steps_per_batch - 1)
+            for batch in [kept[-1], *(kept[index] for index in indices)]:
                 learner.step(batch, min(1.0, elapsed_s / budget_s))
             elapsed_s = time.monotonic() - started
             bar.update(min(round(elapsed_s), bar.total) - bar.n)
@@ -73,17 +73,22 @@ def train_color(data: Path, run: Path, config: ColorConfig) -> Path:
 
 
 @torch.no_grad()
-def see(encoder: ImageEncoder, spec: MappingSpec, batch: Batch) -> Seen:
-    """Look at a batch's images; a canonical point's colour is that of the true point nearest to where it goes."""
+def observe(encoder: ImageEncoder, spec: MappingSpec, batch: Batch) -> HeadBatch:
+    """Encode a batch's images; a canonical point x gets the color of the true point nearest to f^k(x).
+
+    Raises
+    ------
+    ValueError : the batch has no colors.
+    """
     if batch.colors is None:
-        raise ValueError("the data set has no colours of its points: build it again with `hof-model data build`")
+        raise ValueError("the data set has no colors of its points: build it again with `hof-model data build`")
     theta, inputs = look(encoder, batch.images.contiguous(memory_format=torch.channels_last))
     points = power(spec, theta, batch.canonical)
-    return Seen(inputs, batch.canonical, gather(batch.colors, nearest(points, batch.points)))
+    return HeadBatch(inputs, batch.canonical, gather(batch.colors, nearest(points, batch.points)))
 
 
 class _Learner:
-    """The head, its optimiser, and the smoothed loss: mean absolute error of a channel in [0, 1]."""
+    """The head, its optimizer, and the smoothed loss: mean absolute error of a channel in [0, 1]."""
 
     def __init__(self, head: ColorHead, config: ColorConfig) -> None:
         self.head = head.train()
@@ -94,11 +99,11 @@ class _Learner:
         )
         self._steps = 0
 
-    def step(self, seen: Seen, progress: float) -> None:
-        """One step; where training is `progress` in [0, 1] through its budget."""
+    def step(self, batch: HeadBatch, progress: float) -> None:
+        """Take one step at `progress` in [0, 1] of the budget."""
         set_learning_rate(self._optimizer, self._rate, progress)
-        predicted = power(self.head.spec, self.head(seen.inputs), seen.canonical)
-        loss = (predicted - seen.colours / 255).abs().mean()  # not clipped: beyond [0, 1] it still has a slope
+        predicted = power(self.head.spec, self.head(batch.inputs), batch.canonical)
+        loss = (predicted - batch.colors / 255).abs().mean()  # not clipped: outside [0, 1] there is still a slope
         self._optimizer.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]
         self._optimizer.step()

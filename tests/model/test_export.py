@@ -1,4 +1,4 @@
-"""Encoders of any kind as ONNX files: what torch computes, the service does too."""
+"""Encoders of any kind as ONNX files: torch and the service agree."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +17,7 @@ from tests.support.small import network as small_network
 
 
 @pytest.mark.parametrize("name", ["hof1-k2", "hof1-k4"])
-def test_the_shipped_weights_are_checkpoints(name: str) -> None:
+def test_load_encoder_of_shipped_weights_agrees_with_the_service(name: str) -> None:
     file = SHIPPED.parent / f"{name}.onnx"
     encoder, config, _ = load_encoder(file)
     images = np.random.default_rng(0).random((2, 3, config.framing.size, config.framing.size), np.float32)
@@ -35,7 +35,7 @@ def test_the_shipped_weights_are_checkpoints(name: str) -> None:
     ids=lambda spec: spec.name,
 )
 @pytest.mark.parametrize("rank", [0, 8])
-def test_every_configuration_exports_with_parity(spec: MappingSpec, rank: int, tmp_path: Path) -> None:
+def test_export_of_every_configuration_has_parity(spec: MappingSpec, rank: int, tmp_path: Path) -> None:
     config = replace(small_network.CONFIG, spec=spec, encoder=replace(small_network.CONFIG.encoder, rank=rank))
     encoder = ImageEncoder(spec, config.encoder, config.framing.size).eval()
     differences = export(encoder, config, {"name": "x"}, tmp_path / "x.onnx")
@@ -43,7 +43,7 @@ def test_every_configuration_exports_with_parity(spec: MappingSpec, rank: int, t
     assert Encoder.open(tmp_path / "x.onnx", 1).spec == spec
 
 
-def test_export_refuses_a_file_that_disagrees(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_export_of_a_file_that_disagrees_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from model import export as module
 
     config = small_network.CONFIG

@@ -1,7 +1,7 @@
 """A hidden layer with its output layer as one compiled operation, forward and backward.
 
 For HOF-1 a batch's hidden units are 100 MB that a plain implementation writes and reads several times a
-step. Here they are computed again in the backward pass and never stored: about seven times faster.
+step. Here the backward pass computes them again and nothing is stored: about seven times faster.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -28,7 +28,7 @@ class FusedLayers(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, w: Tensor, b: Tensor, v: Tensor, c: Tensor, x: Tensor) -> Tensor:  # noqa: ANN401
-        """The points."""
+        """Return the points."""
         ctx.save_for_backward(w, b, v, x)
         y = c.unsqueeze(2).expand_as(x).contiguous()
         _for_all(_forward, w, b, v, x, y)
@@ -36,7 +36,7 @@ class FusedLayers(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, ...]:  # noqa: ANN401
-        """The gradients of w, b, v, c and x."""
+        """Return the gradients of w, b, v, c and x."""
         w, b, v, x = ctx.saved_tensors
         g = gradients[0].contiguous()
         gw, gb, gv, gx = (torch.zeros_like(each) for each in (w, b, v, x))
@@ -45,7 +45,7 @@ class FusedLayers(torch.autograd.Function):
 
 
 def _for_all(kernel: Any, *tensors: Tensor) -> None:  # noqa: ANN401
-    """Run a kernel on every object, in as many threads as torch has."""
+    """Run a kernel on every object, in as many threads as torch uses."""
     arrays = [tensor.detach().numpy() for tensor in tensors]
     with ThreadPoolExecutor(torch.get_num_threads()) as threads:
         list(threads.map(kernel, *arrays))

@@ -1,4 +1,4 @@
-"""`hof-model` without what a stage needs."""
+"""`hof-model` without the input of a stage."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ def _in_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("_in_empty_folder")
 @pytest.mark.parametrize("stage", ["train", "evaluate", "results", "export", "data preview"])
-def test_a_stage_without_its_input_says_so(stage: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_stage_without_its_input_fails_with_one_line(stage: str, capsys: pytest.CaptureFixture[str]) -> None:
     missing = ["--model", "none.onnx"] if stage in ("evaluate", "results") else []
     assert cli.main([*stage.split(), *missing]) == 2
     message = capsys.readouterr().err

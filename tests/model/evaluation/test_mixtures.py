@@ -13,7 +13,7 @@ from model.evaluation.classes import class_of
 from model.evaluation.conditions import png
 from model.evaluation.evaluate import cases
 from model.evaluation.mixtures import AVERAGE, Mixtures, draw_pairs, mixed_words
-from model.metrics import nearest
+from model.metrics import nearest_distances
 from model.report.mixtures import section, verdict
 from service.encoding.encoder import Encoder
 from service.encoding.framing import preprocess
@@ -77,7 +77,7 @@ def test_mixed_words_k_returns_gradient_and_even_words(k: int, words: list[str])
 
 
 def _distance(a: Array, b: Array) -> float:
-    return 100 * float(nearest(a, b).mean() + nearest(b, a).mean())
+    return 100 * float(nearest_distances(a, b).mean() + nearest_distances(b, a).mean())
 
 
 def test_measure_figures_are_distances_of_the_clouds_that_the_model_draws(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from model.evaluation.neighbors import Neighbors
-from model.metrics import nearest
+from model.metrics import nearest_distances
 from tests.support.small import data as small_data
 
 
@@ -19,5 +19,5 @@ def test_distance_any_cloud_equals_an_exhaustive_search(
     clouds: np.ndarray[tuple[int, ...], np.dtype[np.float32]], number: int, scale: float
 ) -> None:
     cloud = small_data.box(number, 400) * np.float32(scale) + np.float32(0.02)
-    expected = min(nearest(cloud, other).mean() + nearest(other, cloud).mean() for other in clouds)
+    expected = min(nearest_distances(cloud, other).mean() + nearest_distances(other, cloud).mean() for other in clouds)
     assert Neighbors(clouds).distance(cloud) == pytest.approx(expected, rel=1e-6)

@@ -1,4 +1,4 @@
-"""The methods that are compared: sizes, shapes, and that each decoder is the network it is documented to be."""
+"""The compared methods: sizes, shapes, and each decoder against its documentation."""
 
 from dataclasses import replace
 from typing import get_args
@@ -25,14 +25,14 @@ def count(*modules: nn.Module) -> int:
     return sum(parameter.numel() for module in modules for parameter in module.parameters())
 
 
-def test_the_decoders_have_the_parameters_of_the_paper() -> None:
+def test_decoders_have_the_parameters_of_the_paper() -> None:
     deepsdf, foldingnet = DeepSdf(CONFIG), FoldingNet(CONFIG)
     assert count(deepsdf.first, deepsdf.second) == 1_578_241
     assert count(foldingnet.first, foldingnet.second) == 1_056_775
 
 
 @pytest.mark.parametrize("method", get_args(Method))
-def test_a_method_answers_points_that_follow_image_and_canonical_points(method: Method) -> None:
+def test_network_gives_points_that_depend_on_image_and_canonical_points(method: Method) -> None:
     torch.manual_seed(0)
     network = make_network(replace(CONFIG, method=method)).eval()
     images, canonical = torch.rand(2, 3, 32, 32), torch.rand(2, 50, 3)
@@ -43,13 +43,13 @@ def test_a_method_answers_points_that_follow_image_and_canonical_points(method: 
 
 
 @pytest.mark.parametrize("method", get_args(Method))
-def test_every_weight_of_a_method_is_trained(method: Method) -> None:
+def test_network_gives_every_weight_a_gradient(method: Method) -> None:
     network = make_network(replace(CONFIG, method=method)).train()
     network(torch.rand(4, 3, 32, 32), torch.rand(4, 50, 3)).square().sum().backward()
     assert all(parameter.grad is not None for parameter in network.parameters())
 
 
-def test_a_code_computed_once_is_the_code_at_every_point() -> None:
+def test_lvc_with_one_code_is_the_code_at_every_point() -> None:
     torch.manual_seed(0)
     layers = Lvc([5, 16, 7])
     x, code = torch.rand(2, 9, 3), torch.rand(2, 2)
@@ -58,7 +58,7 @@ def test_a_code_computed_once_is_the_code_at_every_point() -> None:
     assert layers(x, code).detach().numpy() == pytest.approx(plain(everywhere).detach().numpy(), abs=1e-6)
 
 
-def test_foldingnet_folds_a_plane() -> None:
+def test_foldingnet_ignores_z_and_needs_the_cube() -> None:
     network = FoldingNet(CONFIG).eval()
     images, canonical = torch.rand(1, 3, 32, 32), torch.rand(1, 50, 3)
     moved = canonical + torch.tensor([0.0, 0.0, 0.3])
@@ -67,7 +67,7 @@ def test_foldingnet_folds_a_plane() -> None:
         make_network(replace(CONFIG, method="foldingnet", spec=HOF_1))
 
 
-def test_the_seed_decides_the_initial_weights() -> None:
+def test_make_network_is_decided_by_the_seed() -> None:
     first, again, other = (
         (torch.manual_seed(seed), make_network(CONFIG).state_dict()["encoder.head.linear.weight"].numpy())[1]
         for seed in (0, 0, 1)

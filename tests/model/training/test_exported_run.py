@@ -43,7 +43,7 @@ def test_exported_run_describes_itself(exported: Path) -> None:
     encoder = Encoder.open(exported, 1)
     assert (encoder.name, encoder.spec, encoder.framing) == ("small-k2", RUN.spec, RUN.framing)
     assert encoder.card["training"]["steps"] > 0
-    assert set(encoder.card["figures"]) > {"small-k2", "mean shape", "image retrieval", "oracle nearest neighbour"}
+    assert set(encoder.card["figures"]) > {"small-k2", "mean shape", "image retrieval", "oracle nearest neighbor"}
     page = exported.with_suffix(".md").read_text()
     assert "image retrieval" in page
     assert f"{exported.stat().st_size:,} bytes" in page

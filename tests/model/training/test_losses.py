@@ -1,4 +1,4 @@
-"""Chamfer distances, early and late, and the projection regularisation."""
+"""Chamfer distances, early and late, and the projection regularization."""
 
 import numpy as np
 import pytest
@@ -16,19 +16,19 @@ def test_chamfer_is_the_sum_of_both_squared_directions() -> None:
     assert float(chamfer(a, b)) == pytest.approx(float(squared.amin(2).mean() + squared.amin(1).mean()), rel=1e-5)
 
 
-def test_chamfer_pulls_points_to_their_neighbours() -> None:
+def test_chamfer_gradient_points_away_from_the_nearest_point() -> None:
     predicted = torch.tensor([[[0.0, 0, 0]]], requires_grad=True)
     chamfer(predicted, torch.tensor([[[1.0, 0, 0]]])).backward()  # type: ignore[no-untyped-call]
     assert predicted.grad is not None
     assert predicted.grad.tolist() == [[[-4, 0, 0]]]  # d/dx 2 (x - 1)^2 at 0
 
 
-def test_projection_is_the_mean_squared_way() -> None:
-    there, here = torch.ones(2, 5, 3), torch.zeros(2, 5, 3)
-    assert float(projection(there, here)) == 3
+def test_projection_is_the_mean_squared_distance() -> None:
+    predicted, canonical = torch.ones(2, 5, 3), torch.zeros(2, 5, 3)
+    assert float(projection(predicted, canonical)) == 3
 
 
-def test_the_late_loss_is_cd_epcg_with_a_saturating_term() -> None:
+def test_late_chamfer_is_cd_epcg_with_a_saturating_term() -> None:
     rng = np.random.default_rng(0)
     a, b = (torch.from_numpy(rng.random((2, n, 3), np.float32)) for n in (40, 60))
     distances = torch.cdist(a, b)
@@ -38,16 +38,16 @@ def test_the_late_loss_is_cd_epcg_with_a_saturating_term() -> None:
     assert float(late_chamfer(a, b)) == pytest.approx(float(expected), rel=1e-4)
 
 
-def test_of_many_true_points_the_first_look_for_predicted_ones_and_all_are_found() -> None:
+def test_late_chamfer_of_many_true_points_matches_only_the_first_backward() -> None:
     rng = np.random.default_rng(0)
     a, b = (torch.from_numpy(rng.random((2, n, 3), np.float32)) for n in (10, 60))
     distances = torch.cdist(a, b)
-    asked = distances.amin(1)[:, : BACKWARD * 10]
-    expected = sum(d.mean() + F_WEIGHT * (1 - (-d / SATURATION).exp()).mean() for d in (distances.amin(2), asked))
+    matched = distances.amin(1)[:, : BACKWARD * 10]
+    expected = sum(d.mean() + F_WEIGHT * (1 - (-d / SATURATION).exp()).mean() for d in (distances.amin(2), matched))
     assert float(late_chamfer(a, b)) == pytest.approx(float(expected), rel=1e-4)
 
 
-def test_the_late_loss_has_finite_gradients_where_clouds_touch() -> None:
+def test_late_chamfer_of_touching_clouds_has_finite_gradients() -> None:
     rng = np.random.default_rng(0)
     true = torch.from_numpy(rng.random((1, 30, 3), np.float32))
     predicted = true.clone()
@@ -61,7 +61,7 @@ def test_the_late_loss_has_finite_gradients_where_clouds_touch() -> None:
     assert predicted.grad[0, 0].tolist() == pytest.approx([2 * slope / 30 / 3**0.5] * 3, rel=1e-3)
 
 
-def test_the_late_loss_pulls_a_near_point_more_than_a_far_one() -> None:
+def test_late_chamfer_pulls_a_near_point_more_than_a_far_one() -> None:
     predicted = torch.tensor([[[0.005, 0, 0], [0.4, 0, 0]]], requires_grad=True)
     late_chamfer(predicted, torch.zeros(1, 1, 3)).backward()  # type: ignore[no-untyped-call]
     assert predicted.grad is not None

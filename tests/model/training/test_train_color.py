@@ -1,4 +1,4 @@
-"""The colour head: what it is trained on, what it leaves alone, and its way into the exported file."""
+"""The color head: its training targets, the encoder that stays unchanged, and the exported file."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -16,9 +16,10 @@ from model.export import TOLERANCE, color_parity, export
 from model.networks.color_head import ColoredEncoder, ColorHead, color_spec, digest, load, look, save
 from model.networks.encoder import ImageEncoder
 from model.networks.mapping import power
+from model.report.card import COLOR_LIMIT, NO_COLOR_LIMIT
 from model.training.checkpoints import load_encoder
 from model.training.state import RunState
-from model.training.train_color import Seen, _Learner, see
+from model.training.train_color import HeadBatch, _Learner, observe
 from service.encoding.encoder import Encoder
 from service.mapping.color import ColorSampler
 from service.mapping.spec import HOF_1, MappingSpec
@@ -35,7 +36,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def run(tmp_path: Path) -> Path:
-    """A run's folder with the checkpoint of a network that has learnt nothing."""
+    """A run's folder with the checkpoint of a network that has learned nothing."""
     RunState(CONFIG).save(tmp_path, score=0.0)
     return tmp_path
 
@@ -45,33 +46,33 @@ def head_of(encoder: ImageEncoder, config: TrainConfig = CONFIG) -> ColorHead:
     return ColorHead(color_spec(config.spec), look(encoder, torch.zeros(1, 3, side, side))[1].shape[1]).eval()
 
 
-def test_a_colour_has_1795_numbers_on_the_geometrys_own_domain() -> None:
+def test_color_spec_has_1795_numbers_on_the_domain_of_the_geometry() -> None:
     for spec in (HOF_1.with_k(4), replace(HOF_1, domain="sphere")):
-        found = color_spec(spec)
-        assert (found.size, found.k, found.domain) == (1_795, 1, spec.domain)
+        colors = color_spec(spec)
+        assert (colors.size, colors.k, colors.domain) == (1_795, 1, spec.domain)
     assert color_spec(MappingSpec("four", 4, (9, 9), 3, "tanh", domain="ball4")).shapes == [(256, 4), (3, 256)]
 
 
-def test_a_point_has_the_colour_of_the_nearest_true_point(run: Path, data: Path) -> None:
+def test_observe_gives_points_the_color_of_the_nearest_true_point(run: Path, data: Path) -> None:
     encoder = load_encoder(run / "last.pt")[0]
     batch = draw_batch(load_examples(data, "train", CONFIG.framing), CONFIG, 0)
     with torch.no_grad():
-        seen = see(encoder, CONFIG.spec, batch)
+        head_batch = observe(encoder, CONFIG.spec, batch)
         points = power(CONFIG.spec, encoder(batch.images), batch.canonical)
         with pytest.raises(ValueError, match="hof-model data build"):
-            see(encoder, CONFIG.spec, replace(batch, colors=None))
+            observe(encoder, CONFIG.spec, replace(batch, colors=None))
     nearest = torch.cdist(points, batch.points).argmin(dim=2)
     assert batch.colors is not None
-    wanted = torch.stack([colours[index] for colours, index in zip(batch.colors, nearest, strict=True)])
-    assert (seen.colours == wanted).float().mean() > 0.99
-    assert (seen.canonical == batch.canonical).all()
+    expected = torch.stack([colors[index] for colors, index in zip(batch.colors, nearest, strict=True)])
+    assert (head_batch.colors == expected).float().mean() > 0.99
+    assert (head_batch.canonical == batch.canonical).all()
 
 
-def test_the_head_learns_and_the_encoder_stays_as_it_is(run: Path, data: Path) -> None:
+def test_learner_lowers_the_loss_and_keeps_the_encoder(run: Path, data: Path) -> None:
     encoder = load_encoder(run / "last.pt")[0]
     before, examples = digest(encoder), load_examples(data, "train", CONFIG.framing)
     learner = _Learner(head_of(encoder), ColorConfig())
-    batches = [see(encoder, CONFIG.spec, draw_batch(examples, CONFIG, step)) for step in range(4)]
+    batches = [observe(encoder, CONFIG.spec, draw_batch(examples, CONFIG, step)) for step in range(4)]
     learner.step(batches[0], 0.3)
     first = learner.loss
     for step in range(200):
@@ -80,17 +81,19 @@ def test_the_head_learns_and_the_encoder_stays_as_it_is(run: Path, data: Path) -
     assert digest(encoder) == before
 
 
-def test_a_target_outside_the_start_is_reached(run: Path) -> None:
+def test_learner_reaches_a_color_outside_the_start(run: Path) -> None:
     head = head_of(load_encoder(run / "last.pt")[0])
     learner, inputs = _Learner(head, ColorConfig()), torch.rand(8, len(head.state_dict()["layers.0.running_mean"]))
-    seen = Seen(inputs, torch.rand(8, 64, 3) - 0.5, torch.tensor([255, 128, 0], dtype=torch.uint8).expand(8, 64, 3))
+    head_batch = HeadBatch(
+        inputs, torch.rand(8, 64, 3) - 0.5, torch.tensor([255, 128, 0], dtype=torch.uint8).expand(8, 64, 3)
+    )
     for _ in range(150):
-        learner.step(seen, 0.3)
-    found = power(head.spec, head.eval()(inputs), seen.canonical).mean(dim=(0, 1))
-    assert found.tolist() == pytest.approx([1, 0.5, 0], abs=0.1)
+        learner.step(head_batch, 0.3)
+    colors = power(head.spec, head.eval()(inputs), head_batch.canonical).mean(dim=(0, 1))
+    assert colors.tolist() == pytest.approx([1, 0.5, 0], abs=0.1)
 
 
-def test_a_head_of_another_checkpoint_is_refused(run: Path) -> None:
+def test_load_of_a_head_of_another_checkpoint_is_refused(run: Path) -> None:
     encoder = load_encoder(run / "last.pt")[0]
     assert load(run, encoder, CONFIG.spec) is None
     head = head_of(encoder)
@@ -106,14 +109,14 @@ def test_a_head_of_another_checkpoint_is_refused(run: Path) -> None:
 
 
 @pytest.mark.parametrize("domain", ["ball", "sphere"])
-def test_theta_is_the_same_in_a_file_with_colour(domain: str, tmp_path: Path) -> None:
+def test_export_with_color_leaves_theta_the_same(domain: str, tmp_path: Path) -> None:
     config = replace(CONFIG, spec=replace(CONFIG.spec, domain=domain))  # type: ignore[arg-type]
     encoder = ImageEncoder(config.spec, config.encoder, config.framing.size).eval()
     head = head_of(encoder, config)
     export(encoder, config, {"name": "plain"}, tmp_path / "plain.onnx")
-    differences = export(encoder, config, {"name": "colour"}, tmp_path / "colour.onnx", head)
+    differences = export(encoder, config, {"name": "color"}, tmp_path / "color.onnx", head)
     assert 0 < differences["color: torch - onnxruntime"] < TOLERANCE
-    plain, exported = Encoder.open(tmp_path / "plain.onnx", 1), Encoder.open(tmp_path / "colour.onnx", 1)
+    plain, exported = Encoder.open(tmp_path / "plain.onnx", 1), Encoder.open(tmp_path / "color.onnx", 1)
     assert (plain.color_spec, exported.color_spec) == (None, color_spec(config.spec))
     images = np.random.default_rng(1).random((5, 3, 32, 32), np.float32)
     for one, other in zip(plain.encode(images), exported.encode(images), strict=True):
@@ -124,7 +127,7 @@ def test_theta_is_the_same_in_a_file_with_colour(domain: str, tmp_path: Path) ->
     assert max(color_parity(ColoredEncoder(encoder, head), config, exported).values()) > TOLERANCE
 
 
-def test_the_service_gives_the_colours_of_the_head(tmp_path: Path) -> None:
+def test_color_sampler_gives_the_colors_of_the_head(tmp_path: Path) -> None:
     encoder = ImageEncoder(CONFIG.spec, CONFIG.encoder, CONFIG.framing.size).eval()
     head = head_of(encoder)
     export(encoder, CONFIG, {"name": "x"}, tmp_path / "x.onnx", head)
@@ -135,11 +138,11 @@ def test_the_service_gives_the_colours_of_the_head(tmp_path: Path) -> None:
 
     x = torch.from_numpy(canonical_points("ball", 300, 4))
     with torch.no_grad():
-        wanted = 255 * power(head.spec, head(look(encoder, images)[1]), x[None])[0].clip(0, 1)
-    assert ColorSampler(color).colors(300, seed=4) == pytest.approx(wanted.numpy(), abs=0.51)
+        expected = 255 * power(head.spec, head(look(encoder, images)[1]), x[None])[0].clip(0, 1)
+    assert ColorSampler(color).colors(300, seed=4) == pytest.approx(expected.numpy(), abs=0.51)
 
 
-def test_from_the_command_line_to_a_model_in_colour(run: Path, data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_color_and_export_give_a_model_with_color(run: Path, data: Path, capsys: pytest.CaptureFixture[str]) -> None:
     checkpoint = (run / "best.pt").read_bytes()
     assert cli.main(["color", "--run", str(run), "--data", str(data), "--minutes", "0.02"]) == 0
     assert capsys.readouterr().out == f"{run / 'color.pt'}\n"
@@ -149,11 +152,12 @@ def test_from_the_command_line_to_a_model_in_colour(run: Path, data: Path, capsy
     encoder = Encoder.open(output, 1)
     assert encoder.color_spec == color_spec(CONFIG.spec)
     assert encoder.card["color"]["images"] >= CONFIG.batch
-    assert "- **Colour**: a head on the frozen encoder" in output.with_suffix(".md").read_text()
-    assert not any("no colour" in limit for limit in encoder.card["limits"])
+    assert "- **Color**: a head on the frozen encoder" in output.with_suffix(".md").read_text()
+    assert COLOR_LIMIT in encoder.card["limits"]
+    assert NO_COLOR_LIMIT not in encoder.card["limits"]
 
 
-def test_the_mean_colour_of_an_object_leaves_out_its_ground() -> None:
+def test_object_mean_leaves_out_the_background() -> None:
     image = Image.new("RGBA", (4, 4), (255, 255, 255, 0))
     image.paste((200, 100, 0, 255), (0, 0, 2, 2))
     image.paste((0, 0, 0, 51), (2, 2, 4, 4))

@@ -17,7 +17,7 @@ def plain(x: Tensor, kernels: Tensor, bias: Tensor, stride: int) -> Tensor:
 
 
 def outcome(layer: Layer, inputs: list[Tensor], stride: int, half: bool) -> list[Tensor]:
-    """The maps, and the gradients of all three inputs."""
+    """Return the maps, and the gradients of all three inputs."""
     leaves = [each.clone().requires_grad_() for each in inputs]
     with torch.autocast("cpu", torch.bfloat16, enabled=half):
         maps = layer(*leaves, stride)
@@ -31,13 +31,13 @@ def outcome(layer: Layer, inputs: list[Tensor], stride: int, half: bool) -> list
 @pytest.mark.parametrize("stride", [1, 2])
 @pytest.mark.parametrize("size", [(8, 8), (7, 9)])
 @pytest.mark.parametrize(("half", "tolerance"), [(False, 1e-5), (True, 2e-2)])
-def test_maps_and_gradients_are_those_of_torch(
+def test_depthwise_gives_maps_and_gradients_of_torch(
     side: int, stride: int, size: tuple[int, int], half: bool, tolerance: float
 ) -> None:
     torch.manual_seed(0)
     inputs = [torch.randn(3, 6, *size), torch.randn(6, 1, side, side), torch.randn(6)]
-    found = outcome(Depthwise.apply, inputs, stride, half)
+    actual = outcome(Depthwise.apply, inputs, stride, half)
     expected = outcome(plain, inputs, stride, half=False)
-    assert len(found) == len(expected) == 4
-    for ours, theirs in zip(found, expected, strict=True):
+    assert len(actual) == len(expected) == 4
+    for ours, theirs in zip(actual, expected, strict=True):
         assert ours.numpy() == pytest.approx(theirs.numpy(), abs=tolerance * float(theirs.abs().max()))

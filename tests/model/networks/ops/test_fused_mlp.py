@@ -18,7 +18,7 @@ def plain(w: Tensor, b: Tensor, v: Tensor, c: Tensor, x: Tensor) -> Tensor:
 
 
 def outcome(layers: Layers, inputs: list[Tensor], weights: Tensor) -> list[Tensor]:
-    """The points, and the gradients of all five inputs."""
+    """Return the points, and the gradients of all five inputs."""
     leaves = [each.clone().requires_grad_() for each in inputs]
     points = layers(*leaves)
     (points * weights).sum().backward()  # type: ignore[no-untyped-call]
@@ -26,19 +26,19 @@ def outcome(layers: Layers, inputs: list[Tensor], weights: Tensor) -> list[Tenso
 
 
 @pytest.mark.parametrize("n", [1, TILE, 2 * TILE + 3])
-def test_points_and_gradients_are_those_of_plain_operations(n: int) -> None:
+def test_fused_layers_give_points_and_gradients_of_plain_operations(n: int) -> None:
     torch.manual_seed(0)
     shapes = [(3, 3, 40), (3, 40), (3, 3, 40), (3, 3), (3, 3, n)]
     inputs = [torch.randn(shape) for shape in shapes]
     weights = torch.randn(3, 3, n)
-    found = outcome(FusedLayers.apply, inputs, weights)
+    fused = outcome(FusedLayers.apply, inputs, weights)
     expected = outcome(plain, inputs, weights)
-    assert len(found) == len(expected) == 6
-    for ours, theirs in zip(found, expected, strict=True):
+    assert len(fused) == len(expected) == 6
+    for ours, theirs in zip(fused, expected, strict=True):
         assert ours.numpy() == pytest.approx(theirs.numpy(), abs=1e-5 * float(theirs.abs().max()))
 
 
-def test_it_is_for_one_hidden_relu_layer_on_three_inputs() -> None:
+def test_is_one_relu_layer_needs_one_hidden_layer_on_three_inputs() -> None:
     assert HOF_1.is_one_relu_layer
     assert not HOF_3.is_one_relu_layer
     assert not MappingSpec("tanh", 3, (8,), 3, "tanh").is_one_relu_layer
