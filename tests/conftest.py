@@ -4,6 +4,7 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Final
 
 import httpx
 import numpy as np
@@ -16,6 +17,35 @@ from tests.support.postgres import Postgres, running_postgres
 from tests.support.server import Server, running
 from tests.support.small import model as tiny_model
 
+pytest_plugins = ["tests.support.browsing"]
+
+# Tiers, the most demanding first: what a test's fixtures, or names that its module imports, tell of its needs.
+# A test without any of them is of the tier `unit`, for which Python is enough.
+TIERS: Final = {
+    "browser": {"browser", "page"},
+    "system": {
+        *("postgres", "u2net_home"),
+        *("check_valid", "gltf_report"),  # Node and the Khronos validator
+        *("build", "render", "shoot", "sheets"),  # OpenGL
+    },
+    "server": {"server", "client", "colored", "hof_serve", "running", "serving"},
+}
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark each test with its tier, unless it has a mark of one."""
+    for item in items:
+        if isinstance(item, pytest.Function) and not any(item.get_closest_marker(tier) for tier in (*TIERS, "unit")):
+            item.add_marker(_tier(item))
+
+
+def _tier(item: pytest.Function) -> str:
+    parameters = getattr(item, "callspec", None)
+    if parameters and parameters.params.get("database_url") == "postgresql":
+        return "system"
+    signs = {*item.fixturenames, *vars(item.module)}
+    return next((tier for tier, needs in TIERS.items() if needs & signs), "unit")
+
 
 @pytest.fixture(scope="session")
 def postgres() -> Iterator[Postgres]:
@@ -25,14 +55,11 @@ def postgres() -> Iterator[Postgres]:
 
 @pytest.fixture
 def database_url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
-    """An empty database: SQLite's, unless a test is parametrised by EVERY_DATABASE."""
+    """Return the URL of an empty database, of SQLite unless a test is parametrized by EVERY_DATABASE."""
     if getattr(request, "param", "sqlite") == "sqlite":
         return f"sqlite:///{tmp_path / 'store' / 'hof.db'}"
     postgres: Postgres = request.getfixturevalue("postgres")
     return postgres.create()
-
-
-pytest_plugins = ["tests.support.browsing"]
 
 
 @pytest.fixture(scope="session")
@@ -42,7 +69,7 @@ def model_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def slow_model(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """As `model_path`, but it takes 0.7 seconds of this machine's processor for a black photo."""
+    """Build the model of `model_path`, slowed: a black photo takes 0.7 seconds of this machine's processor."""
     path, trips = tmp_path_factory.mktemp("model") / "slow.onnx", 100_000
     encoder = Encoder.open(tiny_model.build(path, trips=trips), threads=1)
     black = np.zeros((1, 3, tiny_model.SIZE, tiny_model.SIZE), np.float32)
@@ -54,7 +81,7 @@ def slow_model(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def colored_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The tiny model with a second output, which colours its objects."""
+    """Build the tiny model with a second output, which colors its objects."""
     path = tmp_path_factory.mktemp("colored") / "tiny-k2.onnx"
     return tiny_model.build(path, color_spec=tiny_model.COLOR_SPEC)
 
@@ -66,7 +93,7 @@ def _no_matting_unless_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(scope="session")
 def u2net_home() -> Path:
-    """The folder of u2netp.onnx."""
+    """Return the folder of u2netp.onnx."""
     home = Path(sys.prefix) / "u2net" / "rembg"
     assert (home / "u2netp.onnx").is_file(), "`make test` gets u2netp.onnx"
     return home
@@ -98,7 +125,7 @@ def client(server: Server) -> Iterator[httpx.Client]:
 
 @pytest.fixture
 def colored(settings: Settings, colored_path: Path) -> Iterator[httpx.Client]:
-    """A client of a service whose model colours its objects; it shares the store with `client`'s."""
+    """Open a client of a service whose model colors its objects; it shares the store with that of `client`."""
     in_color = settings.model_copy(update={"model": (colored_path,)})
     with running(in_color) as server, httpx.Client(base_url=f"http://127.0.0.1:{server.port}", timeout=60) as client:
         yield client

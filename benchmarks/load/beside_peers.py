@@ -27,6 +27,7 @@ def compare(targets: list[Target], core: int, rounds: int, seconds: float, other
     Parameters
     ----------
     others : environment in which LitServe and BentoML are installed; None leaves them out.
+
     """
     runs: Runs = {}
     for round_ in range(rounds):

@@ -32,8 +32,11 @@ WAYS: Final = {  # commands of servers that might lose less to the photos that t
 
 @dataclass
 class Floods:
-    """Answers of several floods, to the photos and to the probes beside them; photos/s of each flood and its peaks, by
-    the clock and by the time that the core was given."""
+    """Answers of several floods, to the photos and to the probes beside them.
+
+    by_clock, by_core : photos/s of each flood and the mean of its peaks, by the clock and by the time that the core
+        was given.
+    """
 
     photos: Answers = field(default_factory=Answers)
     live: Answers = field(default_factory=Answers)

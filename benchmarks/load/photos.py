@@ -16,7 +16,8 @@ KINDS: Final = 24
 def photos(seed: int = 0) -> Iterator[bytes]:
     """Yield JPEGs without end, 512 x 512: textured shapes on white, each with a comment of its own.
 
-    All pictures are drawn before the first one is returned."""
+    All pictures are drawn before the first one is returned.
+    """
     kinds = _kinds()
     return (_with_comment(kinds[number % KINDS], f"{seed}-{number}".encode()) for number in itertools.count())
 

@@ -35,7 +35,7 @@ class Network:
         return sum(2 * layer.w.size + layer.b.size * (1 + layer.relu) for layer in self.layers)
 
     def reference(self, x: Array) -> Array:
-        """The plain forward pass, (n, input) -> (n, output)."""
+        """Compute the plain forward pass, (n, input) -> (n, output)."""
         y = x
         for layer in self.layers:
             y = (np.concatenate([y, x], axis=1) if layer.skip else y) @ layer.w.T + layer.b

@@ -75,8 +75,10 @@ def _drain(client: httpx.Client, path: str) -> None:
 
 
 def _first_byte(client: httpx.Client, path: str, kind: str) -> float:
-    """Seconds from the request to the first byte of the body. The rest is read too: what a server still
-    computes for a client that left would delay the next one."""
+    """Return the seconds from the request to the first byte of the body.
+
+    The rest is read too: work that a server still does for a client that left would delay the next request.
+    """
     n = 100_000 if kind == "json" else STREAMED
     start = time.perf_counter()
     with client.stream("GET", f"{path}?n={n}&format={kind}") as answer:

@@ -52,6 +52,7 @@ def best_tile(make: Make, network: Network, tiles: tuple[int, ...] = TILES) -> t
     Raises
     ------
     ValueError : the way computes something else than the network's reference.
+
     """
     n = max(2048, int(SEARCH_FLOPS / network.flops) // 2048 * 2048)
     x = np.random.default_rng(0).uniform(-1, 1, (min(n, 65_536), network.layers[0].w.shape[1])).astype(np.float32)

@@ -29,7 +29,7 @@ TRIVIAL = ("cd", "export", "git", ".")
 
 @pytest.fixture(scope="module")
 def service(tmp_path_factory: pytest.TempPathFactory, u2net_home: Path) -> Iterator[Server]:
-    """The service as `make serve` starts it, with the shipped models and matting, and an empty store."""
+    """Run the service as `make serve` does, with the shipped models and matting, and an empty store."""
     store = f"sqlite:///{tmp_path_factory.mktemp('store') / 'hof.db'}"
     with running(Settings(database_url=store, matting_model=u2net_home / "u2netp.onnx", threads=1)) as server:
         yield server
@@ -37,7 +37,7 @@ def service(tmp_path_factory: pytest.TempPathFactory, u2net_home: Path) -> Itera
 
 @pytest.fixture
 def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A working folder with the project's pictures, and a database that no other test uses."""
+    """Make a working folder with the project's pictures, and a database that no other test uses."""
     folder = tmp_path / "project"
     shutil.copytree(ROOT / "demo", folder / "demo")
     monkeypatch.chdir(folder)

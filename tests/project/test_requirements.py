@@ -3,6 +3,8 @@
 import re
 import subprocess
 import sys
+import tomllib
+from collections.abc import Iterator
 from importlib.metadata import Distribution, distribution
 from pathlib import Path
 
@@ -13,6 +15,7 @@ from packaging.utils import canonicalize_name
 from tests.support import ROOT
 
 NAME = "hof-service"
+TORCH = re.search(r"^TORCH \?= torch==(\S+)", (ROOT / "Makefile").read_text("utf-8"), re.MULTILINE) or ("", "none")
 RUN_TIMEOUT_S = 120
 
 
@@ -27,9 +30,28 @@ def _required(name: str, extras: frozenset[str] = frozenset()) -> dict[str, Dist
     return distributions
 
 
+@pytest.mark.parametrize(("file", "extras"), [("service", ("otel", "postgres")), ("dev", ("dev",))])
+def test_locked_versions_satisfy_pyproject(file: str, extras: tuple[str, ...]) -> None:
+    text = (ROOT / "requirements" / f"{file}.txt").read_text("utf-8")
+    versions = dict(re.findall(r"^([\w.-]+)==(\S+) ", text, re.MULTILINE)) | {"torch": TORCH[1]}
+    for requirement in _declared(*extras):
+        assert requirement.specifier.contains(versions[canonicalize_name(requirement.name)]), requirement
+
+
+def _declared(*extras: str) -> Iterator[Requirement]:
+    """Yield the requirements of pyproject.toml with some extras, less those of other systems."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    named = [*project["dependencies"], *(line for extra in extras for line in project["optional-dependencies"][extra])]
+    for requirement in map(Requirement, named):
+        if requirement.name == NAME:
+            yield from _declared(*requirement.extras)
+        elif requirement.marker is None or requirement.marker.evaluate():
+            yield requirement
+
+
 @pytest.fixture
 def site(tmp_path: Path) -> Path:
-    """Folder of packages that holds the service and only those installed packages that it requires."""
+    """Make a folder of packages that holds the service and only those installed packages that it requires."""
     folder = tmp_path / "site"
     folder.mkdir()
     (folder / "service").symlink_to(ROOT / "service")

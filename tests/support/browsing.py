@@ -35,7 +35,7 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture(scope="module")
 def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """A service with the default model and two objects, a chair and an armchair."""
+    """Run a service with the default model and two objects, a chair and an armchair."""
     store = f"sqlite:///{tmp_path_factory.mktemp('store') / 'hof.db'}"
     with running(Settings(model=(SHIPPED_MODEL,), database_url=store, matting_model=None, threads=1)) as server:
         address = f"http://127.0.0.1:{server.port}"
@@ -46,7 +46,7 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 @pytest.fixture
 def page(browser: Browser, address: str) -> Iterator[Page]:
-    """The page, opened; no script may fail and no policy be broken while a test uses it."""
+    """Open the page; no script may fail and no policy be broken while a test uses it."""
     with browser.new_context(viewport={"width": 1280, "height": 1000}, accept_downloads=True) as context:
         page = opened(context.new_page(), address)
         faults: list[str] = []

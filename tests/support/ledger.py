@@ -78,6 +78,7 @@ def lost(folder: Path, ledger: Ledger, url: str | None = None) -> list[str]:
     Parameters
     ----------
     url : a server's, whose answers for the newest objects are compared too.
+
     """
     connection = sqlite3.connect(f"file:{folder / 'hof.db'}?mode=ro", uri=True)
     try:

@@ -55,6 +55,7 @@ def hof_serve(
     Parameters
     ----------
     prefix : a command that runs another, before `hof serve`.
+
     """
     log = folder / "log"
     command = [*prefix, HOF, "serve", "--port=0", f"--model={model}", "--threads=1"]
@@ -79,6 +80,7 @@ def serving(
     ----------
     command : `{port}` in it stands for the server's port.
     ready : path that answers 200 once the server is up.
+
     """
     with tempfile.TemporaryDirectory() as folder:
         port = free_port()
@@ -144,6 +146,7 @@ def is_ready(url: str) -> bool:
     Raises
     ------
     ConnectionError : it accepts no connection.
+
     """
     connection = HTTPConnection(url.removeprefix("http://"), timeout=30)
     try:

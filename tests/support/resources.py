@@ -49,7 +49,7 @@ def cpu_s(pid: int) -> float:
 
 
 def given_s(core: int) -> float:
-    """A clock, in seconds, that stands still while the host of a virtual machine gives the core to others (`steal`)."""
+    """Read a clock, in seconds, that stands still while a virtual machine's host gives the core to others (`steal`)."""
     for line in Path("/proc/stat").read_text("ascii").splitlines():
         name, *ticks = line.split()
         if name == f"cpu{core}":

@@ -1,5 +1,7 @@
-"""A tiny image encoder as ONNX, for tests: theta is a linear function of the image's mean color, and so are the
-weights of the color, if it has any."""
+"""A tiny image encoder as ONNX, for tests.
+
+theta is a linear function of the image's mean color, and so are the weights of the object's color, if it has any.
+"""
 
 import json
 from pathlib import Path
