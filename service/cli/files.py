@@ -75,7 +75,8 @@ def mesh(arguments: argparse.Namespace) -> None:
 def compose(arguments: argparse.Namespace) -> None:
     """Compose the functions of k weights files and write points. A B is f_A(f_B(x)): the last one is applied first.
 
-    As .png: a picture of words over two files A and B; all words if k = 2, those from A to B if k is larger."""
+    As .png: a picture of words over two files A and B; all words if k = 2, those from A to B if k is larger.
+    """
     as_picture = arguments.output.suffix == PICTURE
     if not as_picture:
         _point_options(arguments)

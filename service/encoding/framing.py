@@ -39,8 +39,11 @@ _RAMP: Final = ((np.arange(256) - BORDER_TOLERANCE) * (255 / BORDER_SOFTNESS)).c
 
 @dataclass(frozen=True)
 class Framing:
-    """The input that an encoder expects: a square of `size` pixels, in which the object's longer side takes the
-    share `foreground_ratio`."""
+    """Input that an encoder expects.
+
+    size : side of the square image, pixels.
+    foreground_ratio : share of that side that the object's longer side takes.
+    """
 
     size: int = 64
     foreground_ratio: float = 0.85

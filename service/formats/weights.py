@@ -52,7 +52,7 @@ class Weights:
 
     @property
     def functions(self) -> Functions:
-        """theta and color alone."""
+        """Parameters alone: theta, and the color if there is one."""
         return Functions(self.theta, self.color)
 
     @property

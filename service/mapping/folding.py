@@ -200,8 +200,7 @@ class FoldedWord:
 
     @cached_property
     def _folded(self) -> list[NumpyFold | CompiledFold]:
-        """Each function, folded over the bounding box of its inputs: the domain's, then the previous function's
-        values."""
+        """Fold each function over the bounding box of its inputs: the domain, then the previous function's values."""
         high = np.full(3, 1 + MARGIN)
         low, folded = -high, []
         points = canonical_points(self._spec.domain, PROBE).T

@@ -149,8 +149,10 @@ def _check_arguments(n: int, seed: int, offset: int, scale: float, sampling: Sam
 
 
 class _Tiles:
-    """A word of any networks, packed once: [W b] is one matrix, and every array it multiplies ends in a row of
-    ones, so that a layer is one product."""
+    """Word of any networks, packed once.
+
+    [W b] is one matrix, and every array it multiplies ends in a row of ones, so that a layer is one product.
+    """
 
     align: Final = TILE
 

@@ -12,8 +12,10 @@ CHEAP: Final = 16  # costs up to which a cloud may have as many points as the se
 
 
 def cost_of(spec: MappingSpec, *functions: Functions) -> int:
-    """Return the cost of one point of an object, in points of the default model, at least 1; it includes the colors of
-    all functions."""
+    """Return the cost of one point of an object, in points of the default model, at least 1.
+
+    It includes the colors of all functions.
+    """
     colors = sum(each.color.weights.size for each in functions if each.color)
     return max(1, (spec.k * spec.size + colors) // UNIT)
 

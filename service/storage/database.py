@@ -267,8 +267,10 @@ def _configure_sqlite(connection: DBAPIConnection, _: object) -> None:
 
 
 def _execute_when_unlocked(cursor: DBAPICursor, statement: str) -> None:
-    """Repeat a statement while the file is locked. SQLite does not wait by itself when several processes open a new
-    file and switch to WAL at once."""
+    """Repeat a statement while the file is locked.
+
+    SQLite does not wait by itself when several processes open a new file and switch to WAL at once.
+    """
     deadline = time.monotonic() + BUSY_TIMEOUT_MS / 1000
     while True:
         try:

@@ -11,8 +11,8 @@ import pytest
 from benchmarks.speed.networks import Network, deepsdf, foldingnet, mapping_network
 from benchmarks.speed.rivals import RIVALS, Make, numpy_tiles
 from service.mapping.spec import HOF_1, HOF_3, initial_theta, power
+from tests.support import ROOT
 
-ROOT = Path(__file__).parents[2]
 RUN_TIMEOUT_S = 600
 WAYS = {"NumPy tiles": numpy_tiles} | {name: RIVALS[name] for name in ("naive NumPy", "onnxruntime", "torch eager")}
 
@@ -37,6 +37,7 @@ def test_mapping_network_equals_the_power_of_the_mapping() -> None:
     np.testing.assert_allclose(mapping_network(spec, theta).reference(x), power(spec, theta, x), atol=1e-6)
 
 
+@pytest.mark.server
 def test_speed_run_quick_writes_its_tables(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "benchmarks.speed.run", "--quick", "--rounds", "1", "-o", str(tmp_path)]
     run = subprocess.run(
@@ -56,6 +57,7 @@ def test_speed_run_quick_writes_its_tables(tmp_path: Path) -> None:
     assert (tmp_path / "runtime.png").stat().st_size > 10_000
 
 
+@pytest.mark.server
 def test_load_run_quick_writes_its_tables(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "benchmarks.load.run", "--quick", "-o", str(tmp_path)]
     run = subprocess.run(command, capture_output=True, text=True, timeout=RUN_TIMEOUT_S, check=False, cwd=ROOT)
@@ -72,6 +74,7 @@ def test_load_run_quick_writes_its_tables(tmp_path: Path) -> None:
         assert row in text
 
 
+@pytest.mark.server
 def test_soak_of_few_requests_writes_its_page(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "benchmarks.load.soak", "--requests", "200", "-o", str(tmp_path)]
     run = subprocess.run(command, capture_output=True, text=True, timeout=RUN_TIMEOUT_S, check=False, cwd=ROOT)

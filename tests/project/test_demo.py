@@ -6,11 +6,15 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 import trimesh
 from PIL import Image
 
-ROOT = Path(__file__).parents[2]
+from tests.support import ROOT
+
 RUN_TIMEOUT_S = 120
+
+pytestmark = pytest.mark.server
 
 
 def _demo(model: Path, out: Path) -> subprocess.CompletedProcess[str]:

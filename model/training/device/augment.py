@@ -24,7 +24,7 @@ class Grounds:
 
 
 def augment(crops: Tensor, size: int, grounds: Grounds, light: Light = ANY_LIGHT) -> Tensor:
-    """Views as if photographed: (b, S, S, 4) uint8 RGBA -> (b, 3, size, size) float32 in [0, 1]."""
+    """Turn views into photographs: (b, S, S, 4) uint8 RGBA -> (b, 3, size, size) float32 in [0, 1]."""
     b, device = len(crops), crops.device
     plain = _chance(cpu.PLAIN_SHARE, b, device)
     moved = _blurred(_framed(crops, size, plain))
@@ -70,7 +70,7 @@ def _blurred(image: Tensor) -> Tensor:
 
 
 def _textured(rgb: Tensor, share: float, textures: Pictures) -> Tensor:
-    """A share of the images darker and lighter by a texture."""
+    """Darken and lighten a share of the images by a texture."""
     b, device = len(rgb), rgb.device
     contrast = _uniform(cpu.TEXTURE_CONTRAST, (b, 1, 1, 1), device) * _chance(share, b, device)
     return rgb * (1 + contrast * textures.pieces(b, rgb.shape[-1])).clamp(min=0)

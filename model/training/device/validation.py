@@ -38,7 +38,7 @@ def validate(network: nn.Module, config: TrainConfig, validation: Tensors) -> di
 
 
 def plain_images(crops: Tensor, size: int) -> Tensor:
-    """Stored crops over white, as the service shows them: (b, S, S, 4) uint8 -> (b, 3, size, size)."""
+    """Lay stored crops over white, as the service shows them: (b, S, S, 4) uint8 -> (b, 3, size, size)."""
     pixels = crops.permute(0, 3, 1, 2).float() / 255
     alpha = pixels[:, 3:]
     return nnf.avg_pool2d(pixels[:, :3] * alpha + (1 - alpha), oversize(size))

@@ -1,5 +1,7 @@
-"""PLY of a surface, binary little endian: six float32 per vertex, and red, green, blue if vertices have colors;
-three indices per triangle."""
+"""PLY of a surface, binary little endian.
+
+Six float32 per vertex, and red, green, blue if vertices have colors; three indices per triangle.
+"""
 
 from typing import Final
 

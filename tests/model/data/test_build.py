@@ -21,7 +21,7 @@ from tests.support.small.shapes import SHAPES, write_folder
 
 @pytest.fixture
 def half_red_box(tmp_path: Path) -> MeshRecord:
-    """A box, its +X half red, its -X half blue, by an OBJ material file."""
+    """Write a box, its +X half red, its -X half blue, by an OBJ material file."""
     (tmp_path / "box.mtl").write_text("newmtl red\nKd 1 0 0\nnewmtl blue\nKd 0 0 1\n")
     lines, count = ["mtllib box.mtl"], 0
     for material, shift in (("red", 0.5), ("blue", -0.5)):

@@ -22,7 +22,7 @@ def entry(number: int) -> Entry:
 
 
 def crops(views: int, red: int) -> Bytes:
-    """A square in the left half, of one color."""
+    """Draw a square in the left half, of one color."""
     pixels = np.zeros((views, 32, 32, 4), np.uint8)
     pixels[:, 8:24, 2:16] = [red, 30, 30, 255]
     return pixels
@@ -118,7 +118,7 @@ def test_plain_images_crops_are_put_over_white() -> None:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A data set as `build` leaves it: two objects to train on, one to validate."""
+    """Write a data set as `build` leaves it: two objects to train on, one to validate."""
     entries = (entry(0), entry(1), replace(entry(2), split="val"))
     Manifest(0, entries, {}, {}).write(tmp_path / "manifest.json")
     for number, one in enumerate(entries):

@@ -14,7 +14,7 @@ from tests.support.small.shapes import write_folder
 
 @pytest.fixture(scope="session")
 def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A data set rendered from a folder of meshes."""
+    """Render a data set from a folder of meshes."""
     folder = tmp_path_factory.mktemp("training")
     build(folder_records(write_folder(folder / "meshes"), "CC0"), folder / "data", seed=0, processes=2)
     return folder / "data"
@@ -22,13 +22,13 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def run(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a finished run of RUN."""
+    """Train RUN and return the folder of the finished run."""
     return train(built, tmp_path_factory.mktemp("run"), RUN).parent
 
 
 @pytest.fixture(scope="session")
 def exported(run: Path, built: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The run as an ONNX file."""
+    """Export the run as an ONNX file."""
     output = tmp_path_factory.mktemp("weights") / "small-k2.onnx"
     assert cli.main(["export", "--run", str(run), "--data", str(built), "-o", str(output)]) == 0
     return output

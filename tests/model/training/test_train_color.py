@@ -36,7 +36,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def run(tmp_path: Path) -> Path:
-    """A run's folder with the checkpoint of a network that has learned nothing."""
+    """Make a run's folder with the checkpoint of a network that has learned nothing."""
     RunState(CONFIG).save(tmp_path, score=0.0)
     return tmp_path
 

@@ -30,7 +30,7 @@ SIDE = 8_000  # 64 megapixels
 
 
 def shortly(value: object) -> str:
-    """The name of a test's parameter."""
+    """Return the name of a test's parameter."""
     return ascii(value)[:40]
 
 
@@ -39,7 +39,7 @@ def shortly(value: object) -> str:
 
 @pytest.fixture(scope="module")
 def real(model_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, int]]:
-    """A real process: its address and its pid."""
+    """Run the service in a process of its own; its address and its pid."""
     with hof_serve(tmp_path_factory.mktemp("real"), model_path) as (url, process):
         httpx.post(f"{url}/encode", content=image_file(disc())).raise_for_status()
         yield url, process.pid
@@ -76,7 +76,7 @@ def test_encode_of_a_pixel_bomb_is_refused_without_memory(
 
 
 def _archive(content: bytes) -> bytes:
-    """A ZIP file that begins as the content does."""
+    """Return a ZIP file that begins as the content does."""
     buffer = io.BytesIO(content)
     with zipfile.ZipFile(buffer, "a") as archive:
         archive.writestr("x.html", "<script>alert(1)</script>")

@@ -30,7 +30,7 @@ BIG = "n=10000000&format=f32"
 
 @pytest.fixture
 def slow(settings: Settings, slow_model: Path) -> Iterator[Server]:
-    """A server of two worker threads that lets in three images and one large stream, with the slow model."""
+    """Run a server of two worker threads that admits three images and one large stream, with the slow model."""
     limits = {"model": (slow_model,), "max_queued_images": 3, "max_points_in_flight": 1}
     with running(settings.model_copy(update=limits)) as server:
         yield server

@@ -24,7 +24,7 @@ def _chunk(kind: bytes, data: bytes) -> bytes:
 
 
 def _png(width: int, height: int, depth: int, color_type: int, rows: bytes, *extra: bytes) -> bytes:
-    """A PNG from its raw rows, for the modes that Pillow does not write."""
+    """Build a PNG from its raw rows, for the modes that Pillow does not write."""
     header = struct.pack(">IIBBBBB", width, height, depth, color_type, 0, 0, 0)
     chunks = [_chunk(b"IHDR", header), *extra, _chunk(b"IDAT", zlib.compress(rows)), _chunk(b"IEND", b"")]
     return b"\x89PNG\r\n\x1a\n" + b"".join(chunks)

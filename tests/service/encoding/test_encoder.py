@@ -63,7 +63,7 @@ def test_open_of_a_corrupt_file_raises_invalid_model(model_path: Path, tmp_path:
 
 
 def _with(key: str, value: object) -> dict[str, str]:
-    """The metadata with one entry replaced, or removed where the value is None."""
+    """Return the metadata with one entry replaced, or removed if the value is None."""
     meta = {**tiny_model.metadata(), key: value if isinstance(value, str) else json.dumps(value)}
     return {name: text for name, text in meta.items() if text != "null"}
 

@@ -21,7 +21,7 @@ from tests.support.small.clouds import BINARY, EVERY, FORMATS, TEXT, TWO, ArrayC
 
 
 def read(fmt: PointFormat, data: bytes) -> Array:
-    """The points as another program reads them, (n, 3) float32."""
+    """Read the points as another program does, (n, 3) float32."""
     match fmt.name:
         case "ply" | "glb" | "gltf":
             geometry = trimesh.load_scene(io.BytesIO(data), file_type=fmt.name).to_geometry()

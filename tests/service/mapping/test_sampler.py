@@ -37,7 +37,7 @@ def cloud(spec: MappingSpec, word: Sequence[Array], n: int, **options: Any) -> A
 
 
 def thetas(spec: MappingSpec) -> list[Array]:
-    """A word of k different functions."""
+    """Return a word of k different functions."""
     return [initial_theta(spec, seed) for seed in range(spec.k)]
 
 

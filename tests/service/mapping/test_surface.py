@@ -12,7 +12,7 @@ SPHERE = MappingSpec("six", input_dim=3, hidden=(6,), output_dim=3, k=2, domain=
 
 
 def _linear(factors: tuple[float, float, float]) -> Array:
-    """theta of x -> factors * x, by relu(x) - relu(-x)."""
+    """Return theta of x -> factors * x, by relu(x) - relu(-x)."""
     eye = np.eye(3, dtype=np.float32)
     first, second = (
         np.concatenate([eye, -eye]),
@@ -79,7 +79,7 @@ def test_shells_of_a_domain_are_closed_and_lie_in_it(domain: str) -> None:
 
 
 def test_surface_of_a_torn_domain_is_not_joined() -> None:
-    """x -> x + 4 at the right of 0, within a hundredth of a unit: two half spheres, four apart."""
+    """Map x to x + 4 at the right of 0, within a hundredth of a unit: two half spheres, four apart."""
     spec = MappingSpec("eight", 3, (8,), 3, domain="sphere")
     (w, v) = (np.zeros((8, 3), np.float32), np.zeros((3, 8), np.float32))
     w[:3], w[3:6] = np.eye(3), -np.eye(3)

@@ -22,7 +22,7 @@ def _image(value: float) -> Array:
 
 
 def _encode(images: Array) -> list[Functions]:
-    """theta is the image's mean, twice; a negative image fails whatever call it is in."""
+    """Return the image's mean, twice, as theta; a negative image fails whatever call it is in."""
     if (images < 0).any():
         raise ValueError("negative")
     return [Functions(np.repeat(mean, 2)) for mean in images.mean(axis=(1, 2, 3))]
@@ -33,7 +33,7 @@ def _batcher(executor: ThreadPoolExecutor) -> Batcher:
 
 
 async def _schedule(batcher: Batcher, seed: int) -> None:
-    """Some images at random moments, some that fail and some whose client leaves; each must get its own."""
+    """Send images at random moments, some that fail and some whose client leaves; each must get its own result."""
     dice = random.Random(seed)
 
     async def one(index: int) -> None:

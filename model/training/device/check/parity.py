@@ -40,7 +40,7 @@ def _differences(device: torch.device) -> Iterator[tuple[str, float, float]]:
 
 
 def _layer_differences(device: torch.device) -> Iterator[tuple[str, float, float]]:
-    """The fused layers' values and gradients, against float64."""
+    """Compare the fused layers' values and gradients with those in float64."""
     b, h, n = OBJECTS, 1_000, 1_111
     arguments = [torch.randn(*shape) for shape in ((b, 3, h), (b, h), (b, 3, h), (b, 3), (b, 3, n))]
     expected = _layers(plain.RecomputedLayers, [each.double() for each in arguments])

@@ -37,7 +37,7 @@ def tokens(keys_file: Path) -> dict[str, str]:
 
 @pytest.fixture(scope="module")
 def keyed(model_path: Path, keys_file: Path, tokens: dict[str, str]) -> Iterator[httpx.Client]:
-    """A client of a service with keys."""
+    """Open a client of a service with keys."""
     store = f"sqlite:///{keys_file.parent / 'hof.db'}"
     settings = Settings(model=(model_path,), database_url=store, threads=1, api_keys_file=keys_file, metrics="key")
     with running(settings) as server, httpx.Client(base_url=f"http://127.0.0.1:{server.port}", timeout=60) as client:

@@ -21,7 +21,7 @@ UNKNOWN = "0" * 32
 
 
 def _post(client: httpx.Client, spec: MappingSpec = SPEC, seed: int = 0, model: str = "m", factor: float = 1) -> str:
-    """The id of an imported object."""
+    """Import an object and return its id."""
     theta = np.float32(factor) * initial_theta(spec, seed)
     answer = client.post("/objects", content=dump(Weights(spec, theta, model), "safetensors"))
     assert answer.status_code in (200, 201), answer.text

@@ -54,7 +54,7 @@ def _infer(triton: InferenceServerClient, images: Array, *, binary: bool = True,
 
 
 def _asked(**changes: object) -> dict[str, Any]:
-    """A request of one white image, with changes to its input."""
+    """Return a request of one white image, with changes to its input."""
     return {"inputs": [{"name": "image", "shape": ONE, "datatype": "FP32", "data": [1] * math.prod(ONE)} | changes]}
 
 
@@ -181,7 +181,7 @@ def test_infer_with_a_faulty_request_names_the_member(
 
 
 def _binary(tensor: bytes, size: int) -> tuple[bytes, bytes]:
-    """The JSON of a request and its tensor."""
+    """Return the JSON of a request and its tensor."""
     image = {"name": "image", "shape": ONE, "datatype": "FP32", "parameters": {"binary_data_size": size}}
     return json.dumps({"inputs": [image]}).encode(), tensor
 
