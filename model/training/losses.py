@@ -5,7 +5,7 @@ from typing import Final
 from torch import Tensor
 
 from model.config import TrainConfig
-from model.networks.ops.dispatch import nearest
+from model.networks.ops.dispatch import nearest_index
 
 SATURATION: Final = 0.02  # longest sides; the smooth F-score hardly changes beyond it
 F_WEIGHT: Final = 0.1  # of that term; its slope at distance 0 is F_WEIGHT / SATURATION
@@ -61,7 +61,7 @@ def projection(predicted: Tensor, canonical: Tensor) -> Tensor:
 
 def _squared_distances(queries: Tensor, targets: Tensor) -> Tensor:
     """Return the squared distance of each query (b, n, 3) to its nearest target (b, m, 3): (b, n)."""
-    return (gather(targets, nearest(queries, targets)) - queries).square().sum(-1)
+    return (gather(targets, nearest_index(queries, targets)) - queries).square().sum(-1)
 
 
 def gather(points: Tensor, index: Tensor) -> Tensor:

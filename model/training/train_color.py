@@ -21,7 +21,7 @@ from model.data.dataset import Batch, draw_batch, load_examples
 from model.networks.color_head import ColorHead, color_spec, look, save
 from model.networks.encoder import ImageEncoder
 from model.networks.mapping import power
-from model.networks.ops.dispatch import nearest
+from model.networks.ops.dispatch import nearest_index
 from model.provenance import provenance
 from model.training.checkpoints import chosen_checkpoint, load_encoder
 from model.training.losses import gather
@@ -84,7 +84,7 @@ def observe(encoder: ImageEncoder, spec: MappingSpec, batch: Batch) -> HeadBatch
         raise ValueError("the data set has no colors of its points: build it again with `hof-model data build`")
     theta, inputs = look(encoder, batch.images.contiguous(memory_format=torch.channels_last))
     points = power(spec, theta, batch.canonical)
-    return HeadBatch(inputs, batch.canonical, gather(batch.colors, nearest(points, batch.points)))
+    return HeadBatch(inputs, batch.canonical, gather(batch.colors, nearest_index(points, batch.points)))
 
 
 class _Learner:

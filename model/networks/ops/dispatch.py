@@ -16,7 +16,7 @@ from model.networks.ops import plain
 Nearest = Callable[[Tensor, Tensor], Tensor]
 
 
-def nearest(queries: Tensor, targets: Tensor) -> Tensor:
+def nearest_index(queries: Tensor, targets: Tensor) -> Tensor:
     """Return the index of each query's nearest target, per batch element: (b, n, 3), (b, m, 3) -> (b, n) int64."""
     return _nearest(queries.device.type)(queries, targets)
 
@@ -38,12 +38,12 @@ def _nearest(device: str) -> Nearest:
     if device == "cuda" and _has("triton"):
         from model.networks.ops import triton_nearest
 
-        return triton_nearest.nearest
+        return triton_nearest.nearest_index
     if device == "cpu" and _has("numba"):
         from model.networks.ops import nearest as compiled
 
-        return compiled.nearest
-    return plain.nearest
+        return compiled.nearest_index
+    return plain.nearest_index
 
 
 @functools.cache

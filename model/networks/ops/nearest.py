@@ -22,7 +22,7 @@ Cells = npt.NDArray[np.int32]
 _compiled = numba.njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 
 
-def nearest(queries: Tensor, targets: Tensor) -> Tensor:
+def nearest_index(queries: Tensor, targets: Tensor) -> Tensor:
     """Return the index of each query's nearest target, per batch element: (b, n, 3), (b, m, 3) -> (b, n) int64."""
     index = torch.empty(queries.shape[:2], dtype=torch.int64)
     for each in zip(*(points.detach().numpy() for points in (queries, targets)), index.numpy(), strict=True):

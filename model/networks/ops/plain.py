@@ -11,7 +11,7 @@ from torch import Tensor
 PAIRS: Final = 1 << 26  # query-target pairs, or hidden units, computed at once: 256 MB
 
 
-def nearest(queries: Tensor, targets: Tensor) -> Tensor:
+def nearest_index(queries: Tensor, targets: Tensor) -> Tensor:
     """Index of each query's nearest target, per batch element: (b, n, 3), (b, m, 3) -> (b, n) int64."""
     queries, targets = queries.detach(), targets.detach()
     half = 0.5 * targets.square().sum(2).unsqueeze(1)  # (b, 1, m)

@@ -16,7 +16,7 @@ TARGETS: Final = 32  # columns of a tile; more would need over 128 registers a t
 FAR: Final = tl.constexpr(1e30)
 
 
-def nearest(queries: Tensor, targets: Tensor) -> Tensor:
+def nearest_index(queries: Tensor, targets: Tensor) -> Tensor:
     """Index of each query's nearest target, per batch element: (b, n, 3), (b, m, 3) float32 -> (b, n) int64."""
     (b, n, _), m = queries.shape, targets.shape[1]
     index = torch.empty((b, n), dtype=torch.int64, device=queries.device)

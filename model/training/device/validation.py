@@ -9,7 +9,7 @@ from torch import Tensor, nn
 from model.config import TrainConfig
 from model.data.augment import oversize
 from model.data.packed.tensors import Tensors, dequantize
-from model.networks.ops.dispatch import nearest
+from model.networks.ops.dispatch import nearest_index
 from model.training.losses import gather
 from service.mapping.canonical import canonical_points
 
@@ -53,8 +53,8 @@ def _targets(validation: Tensors, views: Tensor) -> Tensor:
 
 def _compare(predicted: Tensor, true: Tensor) -> Tensor:
     """Return cd_sq / 100, F@1% and F@2% of each pair: (b, n, 3), (b, m, 3) -> (b, 3)."""
-    forward = (gather(true, nearest(predicted, true)) - predicted).square().sum(2)
-    backward = (gather(predicted, nearest(true, predicted)) - true).square().sum(2)
+    forward = (gather(true, nearest_index(predicted, true)) - predicted).square().sum(2)
+    backward = (gather(predicted, nearest_index(true, predicted)) - true).square().sum(2)
     columns = [forward.mean(1) + backward.mean(1)]
     for threshold in (0.01, 0.02):
         precision, recall = ((each.sqrt() <= threshold).float().mean(1) for each in (forward, backward))

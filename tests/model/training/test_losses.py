@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from model.networks.ops.nearest import nearest
+from model.networks.ops.nearest import nearest_index
 from model.training.losses import BACKWARD, F_WEIGHT, SATURATION, chamfer, late_chamfer, projection
 
 
@@ -12,7 +12,7 @@ def test_chamfer_is_the_sum_of_both_squared_directions() -> None:
     rng = np.random.default_rng(0)
     a, b = (torch.from_numpy(rng.random((2, n, 3), np.float32)) for n in (40, 60))
     squared = torch.cdist(a, b).square()
-    assert (nearest(a, b) == squared.argmin(2)).all()
+    assert (nearest_index(a, b) == squared.argmin(2)).all()
     assert float(chamfer(a, b)) == pytest.approx(float(squared.amin(2).mean() + squared.amin(1).mean()), rel=1e-5)
 
 

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from model.networks.mapping import power
 from model.networks.ops import plain
-from model.networks.ops.dispatch import fused_layers, nearest
+from model.networks.ops.dispatch import fused_layers, nearest_index
 from model.training.losses import chamfer, late_chamfer
 from service.mapping.spec import HOF_1, initial_theta
 
@@ -31,7 +31,7 @@ def _differences(device: torch.device) -> Iterator[tuple[str, float, float]]:
     for n, m in ((777, 10_000), (1_500, 61)):
         queries, targets = torch.rand(OBJECTS, n, 3) - 0.5, torch.rand(OBJECTS, m, 3) - 0.5
         expected = torch.cdist(queries.double(), targets.double()).amin(2)
-        for form, search in (("on the device", nearest), ("in plain torch", plain.nearest)):
+        for form, search in (("on the device", nearest_index), ("in plain torch", plain.nearest_index)):
             index = search(queries.to(device), targets.to(device)).cpu()
             distance = (targets.double().gather(1, index.unsqueeze(2).expand(-1, -1, 3)) - queries).norm(dim=2)
             yield f"nearest of {m:,}, {form}: distance", _relative(distance, expected), LOSS_LIMIT

@@ -13,7 +13,7 @@ from torch.profiler import ProfilerActivity, profile
 from model.config import LITE0, TrainConfig
 from model.data.packed.tensors import Tensors
 from model.networks.mapping import power
-from model.networks.ops.dispatch import nearest
+from model.networks.ops.dispatch import nearest_index
 from model.training.device.augment import Grounds
 from model.training.device.draws import Draws, uniform_points
 from model.training.device.pictures import Pictures, texture_pictures
@@ -70,8 +70,8 @@ def measure_parts(device: torch.device, size: int, batch: int) -> str:
         "encoder, forward and backward": lambda: _backward(encoder(images).square().mean()),
         "mapping function, forward": lambda: power(config.spec, theta.detach(), canonical),
         "mapping function, forward and backward": lambda: _backward(power(config.spec, theta, canonical).mean()),
-        "nearest, predicted to true": lambda: nearest(points, true),
-        "nearest, true to predicted": lambda: nearest(true[:, : 2 * config.late_points], points),
+        "nearest, predicted to true": lambda: nearest_index(points, true),
+        "nearest, true to predicted": lambda: nearest_index(true[:, : 2 * config.late_points], points),
         "late loss, forward and backward": lambda: _backward(late_chamfer(points, true)),
         "optimizer": step_optimizer,
     }

@@ -6,7 +6,7 @@ from torch import Tensor
 
 from model.networks.ops import plain
 from model.networks.ops.fused_mlp import FusedLayers
-from model.networks.ops.nearest import nearest
+from model.networks.ops.nearest import nearest_index
 
 
 def relative(value: Tensor, reference: Tensor) -> float:
@@ -18,7 +18,7 @@ def test_nearest_of_plain_torch_finds_what_the_grid_finds(pairs: int, monkeypatc
     monkeypatch.setattr(plain, "PAIRS", pairs)
     torch.manual_seed(0)
     queries, targets = torch.rand(2, 40, 3) - 0.5, torch.rand(2, 60, 3) - 0.5
-    assert torch.equal(plain.nearest(queries, targets), nearest(queries, targets))
+    assert torch.equal(plain.nearest_index(queries, targets), nearest_index(queries, targets))
 
 
 @pytest.mark.parametrize("pairs", [1, 2_000, 1 << 26])
