@@ -52,8 +52,8 @@ def test_variables_in_a_document_are_settings(document: Path) -> None:
 
 @each_document
 def test_make_targets_in_a_document_exist(document: Path) -> None:
-    named = set(re.findall(r"(?:^|`|run )make ([a-z]+)", document.read_text("utf-8"), re.MULTILINE))
-    assert named <= set(re.findall(r"^([a-z]+):.*## ", text_of("Makefile"), re.MULTILINE))
+    named = set(re.findall(r"(?:^|`|run )make ([a-z-]+)", document.read_text("utf-8"), re.MULTILINE))
+    assert named <= set(re.findall(r"^([a-z-]+):.*## ", text_of("Makefile"), re.MULTILINE))
 
 
 @each_document
