@@ -33,6 +33,8 @@ def test_shutdown_with_connections_not_yet_read_answers_them(
         await asyncio.sleep(0)  # one turn of the loop: from here on nobody connects whose request would not be read
         with pytest.raises(ConnectionRefusedError):
             socket.create_connection(address, timeout=60)
+        while len(server.server_state.connections) < COUNT:
+            await asyncio.sleep(0)
         for client in clients[1:-1:2]:
             client.sendall(LINE)
         await shutdown
