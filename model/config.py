@@ -152,7 +152,7 @@ class DeviceOptions:
     device: Device = option("auto", "device to train on; auto: CUDA if there is one")  # noqa: RUF009 - a field
     packed: str | None = option(None, "folder of `hof-model data pack` to train from, in place of --data")
     graphs: bool = option(default=True, text="replay each step as one CUDA graph")
-    compile: bool = option(default=False, text="compile the network with torch.compile: quicker steps, slow to start")
+    compile: bool = option(default=False, text="compile convolutions and augmentation: quicker steps, a slower start")
     checkpoint_parts: bool = option(default=False, text="write checkpoints as files of at most 14 MB")
     stop_after: float | None = option(None, "minutes after which this call ends; a later call resumes the run", above=0)
     workers: int | None = option(None, "processes that decode a packed data set; default: one per core", least=1)

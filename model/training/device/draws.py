@@ -20,10 +20,11 @@ class Draws:
     of an object's draws `config.own_share` are set aside for its own shape.
     """
 
-    def __init__(self, tensors: Tensors, grounds: Grounds, config: TrainConfig) -> None:
+    def __init__(self, tensors: Tensors, grounds: Grounds, config: TrainConfig, compiled: bool = False) -> None:
         self.tensors = tensors
         self.grounds = grounds
         self.config = config
+        self._augment = torch.compile(augment) if compiled else augment
         self._orders: dict[int, Tensor] = {}
 
     def units(self, step: int) -> Tensor:
@@ -45,7 +46,7 @@ class Draws:
         device, b = units.device, len(units)
         view = self._views(units)
         mirrored = torch.rand(b, device=device) < 0.5
-        images = augment(self.tensors.images[view], self.config.framing.size, self.grounds, light)
+        images = self._augment(self.tensors.images[view], self.config.framing.size, self.grounds, light)
         images = torch.where(mirrored.view(b, 1, 1, 1), images.flip(3), images)  # augmentation knows no left and right
         shape = self.tensors.shape_of[view]
         count, start = self.tensors.counts[shape].view(b, 1), self.tensors.starts[shape].view(b, 1)

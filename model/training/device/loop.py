@@ -50,7 +50,8 @@ def _take_steps(
     state: RunState, data: DeviceData, run: Path, options: DeviceOptions, log: TextIO, stop_at: float
 ) -> None:
     """Step, log, validate and save until the budget or the time of this call is spent."""
-    steps = Steps(state, Draws(data.train, data.grounds, state.config), options.graphs, options.compile)
+    draws = Draws(data.train, data.grounds, state.config, options.compile)
+    steps = Steps(state, draws, options.graphs, options.compile)
     start, last_save, last_log = time.monotonic() - state.elapsed_s, time.monotonic(), time.monotonic()
     while state.progress < 1:
         steps.take()

@@ -6,6 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from model.networks.encoder import DenseMaps, LiteMaps
 from model.training.average import ema_decay
 from model.training.device.draws import Draws
 from model.training.losses import training_loss
@@ -26,7 +27,8 @@ class Steps:
     def __init__(self, state: RunState, draws: Draws, graphs: bool = True, compiled: bool = False) -> None:
         self.state = state
         self.draws = draws
-        self.network = torch.compile(state.network) if compiled else state.network
+        if compiled:
+            _compile_convolutions(state.network)
         self._device = next(state.network.parameters()).device
         self._graphs = graphs and self._device.type == "cuda"
         self._graph: torch.cuda.CUDAGraph | None = None
@@ -96,7 +98,7 @@ class Steps:
         images = batch.images.contiguous(memory_format=torch.channels_last)
         state.network.train()
         state.optimizer.zero_grad(set_to_none=True)
-        predicted = self.network(images, batch.canonical)
+        predicted = state.network(images, batch.canonical)
         loss = training_loss(state.config, predicted, batch.canonical, batch.points, progress)
         loss.backward()  # type: ignore[no-untyped-call]
         torch.nn.utils.clip_grad_norm_(self._weights, config.gradient_clip, foreach=True)
@@ -122,6 +124,13 @@ class Steps:
         torch._foreach_add_(averages, difference)
         if counts:
             torch._foreach_copy_(counts, current)
+
+
+def _compile_convolutions(network: nn.Module) -> None:
+    """Compile the trunk's convolutions in place: biases and activations then join the kernels around them."""
+    for module in network.modules():
+        if isinstance(module, (DenseMaps, LiteMaps)):
+            module.compile()
 
 
 def _pairs(average: nn.Module, network: nn.Module) -> list[tuple[list[Tensor], list[Tensor]]]:

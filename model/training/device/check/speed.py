@@ -90,7 +90,7 @@ def _steps(device: torch.device, size: int, batch: int, late: bool, graphs: bool
         TrainConfig(), encoder=LITE0, framing=Framing(size), batch=batch, steps=10**6, late_from=0.0 if late else 1.0
     )
     torch.cuda.reset_peak_memory_stats()
-    draws = Draws(_data(device, size), _grounds(device, size), config)
+    draws = Draws(_data(device, size), _grounds(device, size), config, compiled)
     return Steps(RunState(config, device), draws, graphs, compiled)
 
 
@@ -135,7 +135,7 @@ def _seconds(call: Callable[[], object], repeats: int) -> float:
 def _profile(call: Callable[[], object]) -> tuple[float, str]:
     """Return the share of the time in which a kernel runs, and a Markdown table of the longest kernels."""
     torch.cuda.synchronize()
-    with profile(activities=[ProfilerActivity.CUDA]) as profiler:
+    with profile(activities=[ProfilerActivity.CUDA], acc_events=True) as profiler:
         start = time.perf_counter()
         for _ in range(PROFILED):
             call()
