@@ -37,6 +37,7 @@ from service.api.routes import (
     viewer,
     weights,
 )
+from service.api.tracing import telemetry
 from service.encoding.decode import ignore_metadata_warnings
 from service.encoding.matting import Matting
 from service.encoding.registry import Models
@@ -47,7 +48,6 @@ from service.runtime.parts import Runtime
 from service.settings import Settings
 from service.storage.store import Store
 from service.telemetry.metrics import Metrics
-from service.telemetry.tracing import telemetry
 
 DESCRIPTION: Final = """\
 A photo goes in; a function comes out. The image encoder looks at one RGB image and outputs theta, the weights of a
