@@ -44,9 +44,11 @@ lint: .venv/dev.stamp ## style, types, layers of the code, Dockerfile
 
 bench: .venv/bench.stamp ## measure sampler, decoders and service on an idle machine; writes benchmarks/RESULTS.md
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.speed.run
+	$(BIN)/python -m tests.project.quoted_figures
 
 load: .venv/peers/stamp ## overload, peers, kills, damaged images, on two idle cores; writes benchmarks/LOAD.md
 	$(BIN)/python -m benchmarks.load.run --peers .venv/peers
+	$(BIN)/python -m tests.project.quoted_figures
 
 soak: .venv/dev.stamp ## 200,000 mixed requests; writes benchmarks/SOAK.md
 	$(BIN)/python -m benchmarks.load.soak

@@ -14,6 +14,7 @@ from service.formats.points.registry import POINT_FORMATS
 from service.formats.weights import WEIGHT_FORMATS
 from service.settings import Settings
 from tests.project.documents import DOCUMENTS, ROOT, anchors, code, name_of, rows, section, text_of
+from tests.project.quoted_figures import QUOTES, Quote, measured_rows
 from tests.project.settings_table import names, rewrite
 
 FOLDERS = ("service/", "model/", "tests/", "benchmarks/", "demo/", "deploy/", "docs/", ".ci/")
@@ -139,17 +140,9 @@ def test_metrics_equal_those_of_the_service() -> None:
     assert documented == {name for name in samples if not name.endswith("_created")}
 
 
-@pytest.mark.parametrize(
-    ("document", "heading", "report"),
-    [
-        ("README.md", "Performance", "RESULTS.md"),
-        ("docs/performance.md", "Points", "RESULTS.md"),
-        ("docs/performance.md", "Against other decoders, and over HTTP", "RESULTS.md"),
-        ("docs/performance.md", "Under overload", "LOAD.md"),
-    ],
-)
-def test_figures_equal_the_report(document: str, heading: str, report: str) -> None:
-    quoted = rows(section(text_of(document), heading))
-    measured = rows(text_of(f"benchmarks/{report}"))
+@pytest.mark.parametrize("quote", QUOTES, ids=lambda quote: quote.heading)
+def test_figures_equal_the_report(quote: Quote) -> None:
+    quoted = rows(section(text_of(quote.document), quote.heading))
+    measured = rows("|-|\n" + "\n".join(measured_rows(quote).values()))
     assert len(quoted) >= 5
     assert [row for row in quoted if row not in measured] == []
