@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final
 
 ROOT: Final = Path(__file__).resolve().parent.parent
+REPORTS: Final = ("*.md", "*.png", "benchmarks/load.json", "model/results")  # written by runs: they change no figure
 
 
 def provenance(seed: int) -> dict[str, str | int]:
@@ -31,10 +32,12 @@ def _processor() -> str:
 
 
 def _commit() -> str:
-    """Return the checked-out commit, marked where tracked files differ from it."""
+    """Return the checked-out commit, marked where tracked files other than reports differ from it."""
+    code = [f":(exclude){pattern}" for pattern in REPORTS]
     try:
         head = _git("rev-parse", "--short=12", "HEAD")
-        return f"{head} with local changes" if _git("status", "--porcelain", "--untracked-files=no") else head
+        is_changed = _git("status", "--porcelain", "--untracked-files=no", "--", ".", *code)
+        return f"{head} with local changes" if is_changed else head
     except (OSError, subprocess.CalledProcessError):
         return "unknown"
 
