@@ -36,10 +36,10 @@ def _commit() -> str:
     code = [f":(exclude){pattern}" for pattern in REPORTS]
     try:
         head = _git("rev-parse", "--short=12", "HEAD")
-        is_changed = _git("status", "--porcelain", "--untracked-files=no", "--", ".", *code)
-        return f"{head} with local changes" if is_changed else head
+        changes = _git("status", "--porcelain", "--untracked-files=no", "--", ".", *code)
     except (OSError, subprocess.CalledProcessError):
         return "unknown"
+    return f"{head} with local changes" if changes else head
 
 
 def _git(*arguments: str) -> str:
