@@ -10,7 +10,7 @@ from model import provenance as module
 
 @pytest.fixture
 def repository(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A repository with one commit, which provenance takes for the project's."""
+    """Make a repository with one commit, and let provenance take it for the project's."""
     monkeypatch.setattr(module, "ROOT", tmp_path)
     (tmp_path / "benchmarks").mkdir()
     for name in ("code.py", "REPORT.md", "benchmarks/load.json"):
