@@ -29,8 +29,8 @@ serve: .venv/service.stamp $(MATTING) ## the service on 127.0.0.1:8080; settings
 
 check: lint quick ## lint and the quick tests; needs Python alone
 
-quick: .venv/dev.stamp ## tests of the tier unit; needs Python alone
-	OMP_NUM_THREADS=1 $(BIN)/pytest -n auto --dist loadfile -m unit
+quick: .venv/dev.stamp ## tests of the tier unit that are not slow; needs Python alone
+	OMP_NUM_THREADS=1 $(BIN)/pytest -n auto --dist worksteal -m 'unit and not slow'
 
 test: .venv/dev.stamp .venv/system.stamp $(BUNDLE) $(GLTF) $(MATTING) ## all tests
 	OMP_NUM_THREADS=1 $(BIN)/pytest -n 3 --dist loadfile

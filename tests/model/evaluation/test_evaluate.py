@@ -19,6 +19,8 @@ from service.mapping.spec import MappingSpec
 from tests.support.small import data as small_data
 from tests.support.small import network as small_network
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -22,6 +22,8 @@ from service.mapping.spec import Array, MappingSpec
 from tests.support.small import data as small_data
 from tests.support.small import model as tiny_model
 
+pytestmark = pytest.mark.slow
+
 POINTS = 2_000
 TRAIN, TEST = 3, 4
 SPEC_K4 = MappingSpec("tiny", 3, (16,), 3, k=4, domain="sphere")

@@ -7,6 +7,8 @@ from model.evaluation.neighbors import Neighbors
 from model.metrics import nearest_distances
 from tests.support.small import data as small_data
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def clouds() -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:

@@ -12,6 +12,8 @@ from model.evaluation.references import Retrieval, Training, matched_ellipsoid
 from model.metrics import compare
 from tests.support.small import data as small_data
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -16,6 +16,8 @@ from service.mapping.spec import MappingSpec
 from tests.support.small import data as small_data
 from tests.support.small.trials import trials
 
+pytestmark = pytest.mark.slow
+
 SPEC = MappingSpec("identity", 3, (6,), 3, domain="sphere")
 
 

@@ -23,6 +23,8 @@ from model.training.train import batch_parts, train_step
 from service.encoding.encoder import Encoder
 from tests.support.small import network as small_network
 
+pytestmark = pytest.mark.slow
+
 ENCODER = replace(small_network.ENCODER, trunk="lite0", joined_maps=4)
 CONFIG = replace(small_network.CONFIG, encoder=ENCODER, batch=4)
 

@@ -12,6 +12,8 @@ from tests.support.small import data as small_data
 from tests.support.small import model as tiny_model
 from tests.support.small.trials import trials
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -15,6 +15,8 @@ from model.training.state import RunState
 from tests.support.small import data as small_data
 from tests.support.small import network as small_network
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def root(tmp_path_factory: pytest.TempPathFactory) -> Path:

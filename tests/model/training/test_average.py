@@ -14,6 +14,8 @@ from model.training.state import RunState
 from model.training.train import train
 from tests.support.small.runs import RUN
 
+pytestmark = pytest.mark.slow
+
 
 def test_update_average_moves_by_the_decay_of_its_step() -> None:
     average, network = nn.Linear(1, 1, bias=False), nn.Linear(1, 1, bias=False)

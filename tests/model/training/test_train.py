@@ -19,6 +19,8 @@ from model.training.state import RunState
 from model.training.train import train, train_step
 from tests.support.small.runs import RUN, records
 
+pytestmark = pytest.mark.slow
+
 
 def test_train_step_repeated_lowers_the_loss(built: Path) -> None:
     examples = load_examples(built, "train", RUN.framing, variants=False)

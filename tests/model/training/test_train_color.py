@@ -26,6 +26,8 @@ from service.mapping.spec import HOF_1, MappingSpec
 from tests.support.small import data as small_data
 from tests.support.small import network as small_network
 
+pytestmark = pytest.mark.slow
+
 CONFIG = replace(small_network.CONFIG, points=64, target_points=500)
 
 

@@ -99,7 +99,7 @@ def test_sample_in_chunks_gives_bounded_chunks_of_n_points(n: int, offset: int, 
     assert all(0 < m <= chunk and d == 3 for m, d in sizes)
 
 
-@pytest.mark.parametrize("width", [1, 5, 16, 1000, 1024])
+@pytest.mark.parametrize("width", [1, 5, 16, *(pytest.param(wide, marks=pytest.mark.slow) for wide in (1000, 1024))])
 @pytest.mark.parametrize("domain", ["ball", "sphere", "cube"])
 def test_folded_networks_of_any_size_agree_with_the_reference(width: int, domain: Domain) -> None:
     spec = MappingSpec("one layer", 3, (width,), 3, domain=domain, k=3)

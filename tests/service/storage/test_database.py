@@ -132,6 +132,7 @@ def _make_folder(path: Path) -> None:
 BACKUP = "restore a backup"
 
 
+@pytest.mark.server
 @pytest.mark.parametrize(
     ("damage", "query", "reason", "remedy"),
     [

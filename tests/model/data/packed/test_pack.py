@@ -20,6 +20,8 @@ from model.data.packed.tensors import Tensors, dequantize, read_packed
 from service.encoding.framing import Framing
 from tests.support.small import data
 
+pytestmark = pytest.mark.slow
+
 SIDE = 32
 OPTIONS = PackOptions(
     Framing(16), lossless=True, made_views=2, variant_points=500, made_points=400, shard_bytes=400_000

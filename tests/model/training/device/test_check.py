@@ -10,6 +10,8 @@ import torch
 from model.training.device.check import parity
 from model.training.device.check.parity import check_parity
 
+pytestmark = pytest.mark.slow
+
 
 def test_parity_holds_between_the_forms_that_run_on_the_cpu() -> None:
     table, holds = check_parity(torch.device("cpu"))

@@ -26,6 +26,8 @@ from service.mapping.spec import DOMAIN_DIMS, Domain
 from tests.support.small import data as boxes
 from tests.support.small.network import CONFIG as SMALL
 
+pytestmark = pytest.mark.slow
+
 CONFIG = replace(SMALL, points=128, target_points=200, learning_rate=3e-3, steps=60)
 
 
