@@ -158,6 +158,7 @@ class DeviceOptions:
     workers: int | None = option(None, "processes that decode a packed data set; default: one per core", least=1)
 
 
+ON_CPU: Final = DeviceOptions(device="cpu")
 COMPARED_RUN: Final = TrainConfig(  # common to all runs of `hof-model retrain`
     steps=1_500, variants=True, late_from=0.5, late_points=1_024, late_target_points=4_000
 )

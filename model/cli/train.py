@@ -13,6 +13,7 @@ from service.encoding.framing import Framing
 from service.mapping.spec import DOMAIN_DIMS, HOF_1, HOF_3, MAX_K, MAX_WIDTH, Activation, Domain, MappingSpec
 
 RETRAIN_FLAGS: Final = ("seed", "steps")
+PLACE_FLAGS: Final = ("device", "packed", "workers")
 MAPPINGS: Final = {"HOF-1": HOF_1, "HOF-3": HOF_3}
 SIZE_STEP: Final = 32  # pixels: the stride of Lite0; that of the DenseNet divides it
 
@@ -33,11 +34,13 @@ def add_stages(stages: "argparse._SubParsersAction[argparse.ArgumentParser]") ->
     add_data(stage)
     add_run(stage, "run whose chosen checkpoint gets the head")
     add_flags(stage, ColorConfig())
+    add_flags(stage.add_argument_group("device"), DeviceOptions(), only=PLACE_FLAGS)
     stage = stages.add_parser("retrain", help="train and measure the methods of the comparison; resumable")
     stage.set_defaults(run=_retrain)
     add_data(stage)
     stage.add_argument("methods", nargs="*", metavar="METHOD", help="of model/evaluation/compared.py; default: all")
     add_flags(stage, COMPARED_RUN, only=RETRAIN_FLAGS)
+    add_flags(stage.add_argument_group("device"), DeviceOptions(), only=PLACE_FLAGS)
     stage.add_argument(
         "-o", "--output", type=Path, default=ROOT / "model/results/compared", help="folder of the records"
     )
@@ -168,12 +171,14 @@ def _blend(arguments: argparse.Namespace) -> None:
 def _color(arguments: argparse.Namespace) -> None:
     from model.training.train_color import train_color
 
-    print(train_color(arguments.data, arguments.folder, ColorConfig(**values(arguments, ColorConfig))))
+    options = DeviceOptions(**values(arguments, DeviceOptions))
+    print(train_color(arguments.data, arguments.folder, ColorConfig(**values(arguments, ColorConfig)), options))
 
 
 def _retrain(arguments: argparse.Namespace) -> None:
     from model.evaluation.compared import COMPARED, retrain
 
     budget = {name: getattr(COMPARED_RUN, name) for name in RETRAIN_FLAGS} | values(arguments, TrainConfig)
+    options = DeviceOptions(**values(arguments, DeviceOptions))
     for name in arguments.methods or COMPARED:
-        print(retrain(name, arguments.data, "test", arguments.output, **budget))
+        print(retrain(name, arguments.data, "test", arguments.output, **budget, options=options))

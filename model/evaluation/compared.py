@@ -4,9 +4,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from model.config import COMPARED_RUN
+from model.config import COMPARED_RUN, ON_CPU, DeviceOptions
 from model.data.manifest import Split
 from model.evaluation.comparison import run_record
+from model.training.device.loop import train_on_device
+from model.training.device.placement import uses_device_loop
 from model.training.train import train
 from service.mapping.spec import HOF_1, HOF_3
 
@@ -21,7 +23,9 @@ COMPARED: Final = {
 }
 
 
-def retrain(name: str, data: Path, split: Split, output: Path, steps: int, seed: int) -> Path:
+def retrain(
+    name: str, data: Path, split: Split, output: Path, steps: int, seed: int, options: DeviceOptions = ON_CPU
+) -> Path:
     """Train one of COMPARED in RUNS, or resume it, write its record to `output`, and return the record's path.
 
     Raises
@@ -32,7 +36,11 @@ def retrain(name: str, data: Path, split: Split, output: Path, steps: int, seed:
     if name not in COMPARED:
         raise ValueError(f"unknown method {name!r}: choose one of {', '.join(COMPARED)}")
     run = RUNS / f"{name}-{steps}-{seed}"
-    train(data, run, replace(COMPARED[name], steps=steps, seed=seed))
+    config = replace(COMPARED[name], steps=steps, seed=seed)
+    if uses_device_loop(options):
+        train_on_device(data, run, config, options)
+    else:
+        train(data, run, config)
     path = output / f"{name}.json"
     run_record(run, f"{name}, {steps:,} steps", data, split, seed).write(path)
     return path

@@ -21,15 +21,14 @@ from model.training.device.placement import torch_device
 
 @dataclass(frozen=True)
 class DeviceData:
-    """The splits that a run needs, and what stands behind its objects, on one device."""
+    """The training split, and what stands behind its objects, on one device."""
 
     train: Tensors
-    validation: Tensors
     grounds: Grounds
 
 
 def load_data(data: Path, config: TrainConfig, options: DeviceOptions) -> DeviceData:
-    """Load the training and validation splits from `options.packed`, or from the folder `data`.
+    """Load the training split from `options.packed`, or from the folder `data`.
 
     Raises
     ------
@@ -38,17 +37,28 @@ def load_data(data: Path, config: TrainConfig, options: DeviceOptions) -> Device
     """
     device, size = torch_device(options), config.framing.size
     if options.packed:
-        folder, side, workers = Path(options.packed), size * oversize(size), options.workers or os.cpu_count() or 1
-        train = read_packed(folder, "train", side, workers, config.variants, config.made)
-        validation = read_packed(folder, "val", side, workers, variants=False, made=False)
-        photographs = read_photographs(folder)
+        train = _read(options, config, "train", config.variants, config.made)
+        photographs = read_photographs(Path(options.packed))
     else:
         examples = load_examples(data, "train", config.framing, config.variants, config.made)
-        train = tensors_of(examples)
-        validation = tensors_of(load_examples(data, "val", config.framing, variants=False))
-        photographs = [_open(path) for path in examples.photographs]
+        train, photographs = tensors_of(examples), [_open(path) for path in examples.photographs]
     grounds = Grounds(texture_pictures(size, device), photograph_pictures(photographs, size, device))
-    return DeviceData(train.to(device), validation.to(device), grounds)
+    return DeviceData(train.to(device), grounds)
+
+
+def load_validation(data: Path, config: TrainConfig, options: DeviceOptions) -> Tensors:
+    """Load the validation objects as built. Raises as `load_data`."""
+    if options.packed:
+        validation = _read(options, config, "val", variants=False, made=False)
+    else:
+        validation = tensors_of(load_examples(data, "val", config.framing))
+    return validation.to(torch_device(options))
+
+
+def _read(options: DeviceOptions, config: TrainConfig, split: str, variants: bool, made: bool) -> Tensors:
+    side = config.framing.size * oversize(config.framing.size)
+    workers = options.workers or os.cpu_count() or 1
+    return read_packed(Path(options.packed or ""), split, side, workers, variants, made)
 
 
 def tensors_of(examples: Examples) -> Tensors:

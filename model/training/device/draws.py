@@ -1,5 +1,7 @@
 """Batches drawn on the device, with the distribution of `model.data.dataset.draw_batch`."""
 
+from typing import Final
+
 import numpy as np
 import torch
 import torch.nn.functional as nnf
@@ -11,6 +13,8 @@ from model.data.dataset import Batch
 from model.data.packed.tensors import Tensors, dequantize
 from model.training.device.augment import Grounds, augment
 from service.mapping.spec import DOMAIN_DIMS, Domain
+
+STREAM: Final = 2  # of random numbers from a seed; 1 is for the orders of objects
 
 
 class Draws:
@@ -67,6 +71,11 @@ class Draws:
         count = torch.where(is_own, own_end, end) - first
         drawn = (torch.rand(len(units), device=device, dtype=torch.float64) * count).long()
         return first + torch.minimum(drawn, count - 1)
+
+
+def seed_step(seed: int, step: int) -> None:
+    """Seed torch's default generators for a step, so that its batch is a function of (seed, step) alone."""
+    torch.manual_seed(int(np.random.SeedSequence([seed, STREAM, step]).generate_state(1)[0]))
 
 
 def uniform_points(domain: Domain, b: int, n: int, device: torch.device) -> Tensor:

@@ -8,13 +8,12 @@ from torch import Tensor, nn
 
 from model.networks.encoder import DenseMaps, LiteMaps
 from model.training.average import ema_decay
-from model.training.device.draws import Draws
+from model.training.device.draws import Draws, seed_step
 from model.training.losses import training_loss
 from model.training.optimization import schedule
 from model.training.state import RunState
 
 WARM_STEPS: Final = 3  # taken one kernel at a time before a step is captured: compilers and allocators settle
-STREAM: Final = 2  # of random numbers: dataset orders are 1
 
 
 class Steps:
@@ -88,7 +87,7 @@ class Steps:
         for group in state.optimizer.param_groups:
             group["lr"].fill_(group["rate"] * state.config.learning_rate * schedule(progress))
         self._share.fill_(1 - ema_decay(state.step))
-        torch.manual_seed(int(np.random.SeedSequence([state.config.seed, STREAM, state.step]).generate_state(1)[0]))
+        seed_step(state.config.seed, state.step)
 
     def _compute(self, progress: float) -> None:
         """Run one step's kernels; the shapes depend on the phase alone."""

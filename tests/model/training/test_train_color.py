@@ -11,6 +11,8 @@ from PIL import Image
 from model import cli
 from model.config import ColorConfig, TrainConfig
 from model.data.dataset import draw_batch, load_examples
+from model.data.packed.options import PackOptions
+from model.data.packed.pack import pack
 from model.evaluation.color import object_mean
 from model.export import TOLERANCE, color_parity, export
 from model.networks.color_head import ColoredEncoder, ColorHead, color_spec, digest, load, look, save
@@ -81,6 +83,19 @@ def test_learner_lowers_the_loss_and_keeps_the_encoder(run: Path, data: Path) ->
         learner.step(batches[step % 4], 0.3)
     assert learner.loss < 0.75 * first
     assert digest(encoder) == before
+
+
+def test_train_color_on_the_device_from_shards_writes_the_head(run: Path, data: Path, tmp_path: Path) -> None:
+    packed = tmp_path / "packed"
+    pack([data], packed, PackOptions(CONFIG.framing, variants=False, made=False), processes=1)
+    asked = ["color", "--run", str(run), "--packed", str(packed), "--device", "cpu", "--workers", "1"]
+    assert cli.main([*asked, "--minutes", "0.02", "--points", "32", "--target-points", "100"]) == 0
+    encoder = load_encoder(run / "last.pt")[0]
+    trained = load(run, encoder, CONFIG.spec)
+    assert trained is not None
+    head, training = trained
+    assert training["images"] > 0
+    assert all(torch.isfinite(weight).all() for weight in head.parameters())
 
 
 def test_learner_reaches_a_color_outside_the_start(run: Path) -> None:

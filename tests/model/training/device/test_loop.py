@@ -17,7 +17,7 @@ from model.data.manifest import Manifest
 from model.data.packed.options import PackOptions
 from model.data.packed.pack import pack
 from model.training.checkpoints import load_network
-from model.training.device.data import load_data
+from model.training.device.data import load_data, load_validation
 from model.training.device.draws import Draws, uniform_points
 from model.training.device.loop import train_on_device
 from model.training.device.steps import Steps
@@ -95,7 +95,8 @@ def test_a_resumed_run_makes_the_same_steps(options: DeviceOptions, tmp_path: Pa
 
 def test_a_run_from_shards_is_one_from_the_folder(folder: Path, options: DeviceOptions) -> None:
     packed, unpacked = (load_data(folder, CONFIG, each) for each in (options, DeviceOptions(device="cpu")))
-    for ours, theirs in ((packed.train, unpacked.train), (packed.validation, unpacked.validation)):
+    validation = [load_validation(folder, CONFIG, each) for each in (options, DeviceOptions(device="cpu"))]
+    for ours, theirs in ((packed.train, unpacked.train), validation):
         assert torch.equal(ours.units, theirs.units)
         assert torch.equal(ours.shape_of, theirs.shape_of)
         assert torch.equal(ours.images[..., 3], theirs.images[..., 3])
