@@ -5,11 +5,11 @@ from pathlib import Path
 from typing import Final
 
 from model.cli.data import DATA
+from model.cli.data import SPLITS as SPLITS
 
 RUN: Final = Path("runs/hof1-k2")
 SHIPPED: Final = Path(__file__).resolve().parents[1] / "weights" / "hof1-k2.onnx"
 ROOT: Final = Path(__file__).resolve().parents[2]
-SPLITS: Final = ("train", "val", "test")
 
 
 def add_data(stage: argparse.ArgumentParser) -> None:

@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -11,6 +12,8 @@ if TYPE_CHECKING:
     from model.data.sources.meshes import MeshRecord
 
 DATA: Final = Path("data/sweethome3d")
+AXES: Final = ("x", "-x", "y", "-y", "z", "-z")
+SPLITS: Final = ("train", "val", "test")
 
 
 def add_stages(data: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -21,6 +24,11 @@ def add_stages(data: "argparse._SubParsersAction[argparse.ArgumentParser]") -> N
     build.add_argument("--sh3f", type=Path, help="folder of .sh3f files, or the .deb; default: download")
     build.add_argument("--meshes", type=Path, help="folder of OBJ, GLB, PLY, STL or OFF files instead of Sweet Home 3D")
     build.add_argument("--license", "--licence", default="unknown", help="license of --meshes, for the manifest")
+    build.add_argument("--up", choices=AXES, default="y", help="axis that points up in --meshes; default: y")
+    build.add_argument(
+        "--front", choices=AXES, help="axis that points to the viewer in --meshes; default: z, or -y with --up z"
+    )
+    build.add_argument("--split", choices=SPLITS, help="put all new objects in this split; default: 80/10/10 at random")
     build.add_argument("--limit", type=int, help="use only the first LIMIT meshes")
     build.add_argument("--seed", type=int, default=0, help="seed of the cameras, and of the split of new objects")
     build.add_argument("--processes", type=int, default=os.cpu_count() or 1, help="worker processes")
@@ -44,6 +52,10 @@ def add_stages(data: "argparse._SubParsersAction[argparse.ArgumentParser]") -> N
     make.add_argument("--pieces", type=int, default=9_000, help="number of pieces")
     make.add_argument("--views", type=int, default=10, help="views per piece")
     make.add_argument("--processes", type=int, default=os.cpu_count() or 1, help="worker processes")
+    notice = data.add_parser("notice", help="write the credits of the training objects, for NOTICE")
+    notice.set_defaults(run=_notice)
+    notice.add_argument("--data", type=Path, default=DATA, help="folder of the data set")
+    notice.add_argument("-o", "--output", type=Path, help="file; default: print it")
     photographs = data.add_parser("photographs", help="download free photographs as backgrounds for training")
     photographs.set_defaults(run=_photographs)
     photographs.add_argument("--data", type=Path, default=DATA, help="folder of the data set")
@@ -58,7 +70,7 @@ def add_stages(data: "argparse._SubParsersAction[argparse.ArgumentParser]") -> N
 
 def _add_source(stage: argparse.ArgumentParser) -> None:
     """Declare the options for a built data set and the meshes that it was built from."""
-    stage.set_defaults(license="unknown")  # the manifest has the license
+    stage.set_defaults(license="unknown", up="y", front=None)  # the data set's manifest has what `build` was told
     stage.add_argument("--data", type=Path, default=DATA, help="folder of the data set")
     stage.add_argument("--sh3f", type=Path, help="as for `build`")
     stage.add_argument("--meshes", type=Path, help="as for `build`")
@@ -66,22 +78,36 @@ def _add_source(stage: argparse.ArgumentParser) -> None:
 
 def _build(arguments: argparse.Namespace) -> None:
     from model.data.build import build
+    from model.data.sources.meshes import skipped_files
     from model.data.sources.sweethome3d import frozen_split
 
     records = _records(arguments, arguments.out)
     frozen = {} if arguments.meshes else frozen_split()
-    manifest = build(records[: arguments.limit], arguments.out, arguments.seed, arguments.processes, frozen)
-    sizes = {split: sum(1 for _ in manifest.of(split)) for split in ("train", "val", "test")}
-    print(f"{sizes}, {len(manifest.duplicates)} duplicates, {len(manifest.failures)} failures: {arguments.out}")
+    manifest = build(
+        records[: arguments.limit], arguments.out, arguments.seed, arguments.processes, frozen, arguments.split
+    )
+    sizes = {split: sum(1 for _ in manifest.of(split)) for split in SPLITS}
+    print(
+        f"{sizes}, {len(manifest.duplicates)} duplicates, {len(manifest.failures)} failures, "
+        f"{len(manifest.losses)} without a texture: {arguments.out}"
+    )
+    if arguments.meshes and (skipped := skipped_files(arguments.meshes)):
+        print(f"{arguments.meshes}: {skipped}", file=sys.stderr)
+    if empty := [split for split, size in sizes.items() if not size]:
+        print(
+            f"no objects in {' and '.join(empty)}: training needs all three splits. Add meshes (ten objects give one "
+            "to each split), or build others into the same --out without --split",
+            file=sys.stderr,
+        )
 
 
 def _records(arguments: argparse.Namespace, folder: Path) -> "list[MeshRecord]":
     """Return the meshes of `--meshes`, or else Sweet Home 3D's, unpacked below `folder`."""
-    from model.data.sources.meshes import folder_records
+    from model.data.sources.listed import mesh_records
     from model.data.sources.sweethome3d import sh3f_files, sh3f_records
 
     if arguments.meshes:
-        return list(folder_records(arguments.meshes, arguments.license))
+        return mesh_records(arguments.meshes, arguments.license, arguments.up, arguments.front)
     work = folder / "source"
     return [record for file in sh3f_files(arguments.sh3f, work) for record in sh3f_records(file, work)]
 
@@ -107,6 +133,18 @@ def _make(arguments: argparse.Namespace) -> None:
 
     failures = make(arguments.data, arguments.pieces, arguments.views, arguments.processes)
     print(f"{len(failures)} failures: {arguments.data / PIECES}")
+
+
+def _notice(arguments: argparse.Namespace) -> None:
+    from model.data.manifest import Manifest
+    from model.data.notice import notice
+
+    text = notice(Manifest.read(arguments.data).of("train"))
+    if arguments.output:
+        arguments.output.write_text(text, encoding="utf-8")
+        print(arguments.output)
+    else:
+        print(text, end="")
 
 
 def _photographs(arguments: argparse.Namespace) -> None:

@@ -11,12 +11,14 @@ from tqdm import tqdm
 
 from model.data.dedupe import duplicates
 from model.data.manifest import COLORS, Entry, Manifest, Split, assign_splits
-from model.data.rendering.render import render
-from model.data.sources.meshes import MeshRecord
-from model.data.workers import run_with_progress
+from model.data.rendering.render import render_parts
+from model.data.sources.meshes import IDENTITY, MeshRecord, load_mesh
+from model.data.workers import run_with_report
 from service.files import whole_file
 
 OBJECTS: Final = "objects"
+MAX_STEM: Final = 200  # bytes of a file's name; the file system's limit is 255, with variants and temporary files
+DIGEST: Final = 16  # hexadecimal digits that keep cut names apart
 
 
 @dataclass(frozen=True)
@@ -29,54 +31,81 @@ class RenderJob:
 
 
 def build(
-    records: Iterable[MeshRecord], out: Path, seed: int, processes: int, frozen: Mapping[str, Split] | None = None
+    records: Iterable[MeshRecord],
+    out: Path,
+    seed: int,
+    processes: int,
+    frozen: Mapping[str, Split] | None = None,
+    split: Split | None = None,
 ) -> Manifest:
     """Render missing meshes, then write `out/manifest.json` and return it.
 
-    A mesh that cannot be read or crashes its worker is reported in `failures` and left out. A second run resumes.
-    Objects keep the split of an earlier build or of `frozen` (id -> split), since models may have been trained on them.
+    A mesh that cannot be read or crashes its worker is left out and in `failures`; one that lacks textures is in
+    `losses`. A second run resumes. Objects keep the split of an earlier build or of `frozen` (id -> split), since
+    models may have been trained on them; new ones are all in `split`, or drawn. Objects of other sources stay.
 
     Raises
     ------
-    ValueError : two meshes have the same name, or `out` was built with another seed.
+    ValueError : two meshes have the same name, no mesh can be used, or `out` was built with another seed.
     """
     (out / OBJECTS).mkdir(parents=True, exist_ok=True)
-    fixed = {**_earlier_splits(out, seed), **(frozen or {})}
     jobs = [RenderJob(record, out / object_file(record.id), seed) for record in records]
     _check_names(jobs)
+    earlier = _earlier(out, seed)
+    ids, sources = {job.record.id for job in jobs}, {job.record.source for job in jobs}
+    kept = [entry for entry in earlier.entries if entry.source not in sources and entry.id not in ids]
     missing = [job for job in jobs if not job.target.exists()]
-    failures = run_with_progress(render_to_file, missing, lambda job: job.record.id, processes, "render", "mesh")
+    report = run_with_report(render_to_file, missing, lambda job: job.record.id, processes, "render", "mesh")
     rendered = {job.record.id: job for job in jobs if job.target.exists()}
-    clouds = {id_: np.load(job.target)["points"] for id_, job in tqdm(rendered.items(), desc="read", unit="object")}
-    repeats = duplicates(clouds)
+    if not rendered:
+        raise ValueError(_no_mesh(report.failures))
+    files = {entry.id: out / entry.file for entry in kept} | {id_: job.target for id_, job in rendered.items()}
+    clouds = {id_: np.load(file)["points"] for id_, file in tqdm(files.items(), desc="read", unit="object")}
+    repeats = duplicates(clouds, first={entry.id for entry in kept})
+    fixed = {id_: split for id_ in rendered if split}
+    fixed |= {entry.id: entry.split for entry in earlier.entries} | dict(frozen or {})
     splits = assign_splits([id_ for id_ in rendered if id_ not in repeats], seed, fixed)
-    entries = tuple(
-        Entry(
-            id=id_,
-            name=record.name,
-            source=record.source,
-            category=record.category,
-            creator=record.creator,
-            license=record.license,
-            mesh_sha256=hashlib.sha256(record.path.read_bytes()).hexdigest(),
-            file=object_file(id_),
-            split=splits[id_],
-        )
-        for id_, record in sorted((id_, rendered[id_].record) for id_ in splits)
-    )
-    manifest = Manifest(seed, entries, repeats, failures)
+    new = [_entry(rendered[id_].record, split_) for id_, split_ in splits.items()]
+    entries = tuple(sorted([*kept, *new], key=lambda entry: entry.id))
+    losses = {**earlier.losses, **report.remarks}
+    losses = {entry.id: losses[entry.id] for entry in entries if entry.id in losses}
+    manifest = Manifest(seed, entries, repeats, report.failures, losses)
     manifest.write(out / "manifest.json")
     return manifest
 
 
-def _earlier_splits(out: Path, seed: int) -> dict[str, Split]:
-    """Return the splits of an earlier build in the same folder."""
+def _no_mesh(failures: Mapping[str, str]) -> str:
+    """Return a sentence that says that, and why, there is nothing to build from."""
+    if not failures:
+        return "there is no mesh to build from: pass a folder with meshes, or a --limit above 0"
+    id_, failure = next(iter(failures.items()))
+    return f"none of {len(failures)} meshes can be used; {id_}: {failure}"
+
+
+def _entry(record: MeshRecord, split: Split) -> Entry:
+    return Entry(
+        id=record.id,
+        name=record.name,
+        source=record.source,
+        category=record.category,
+        creator=record.creator,
+        license=record.license,
+        mesh_sha256=hashlib.sha256(record.path.read_bytes()).hexdigest(),
+        file=object_file(record.id),
+        split=split,
+        page=record.page,
+        rotation=None if record.rotation == IDENTITY else record.rotation,
+    )
+
+
+def _earlier(out: Path, seed: int) -> Manifest:
+    """Return the manifest of an earlier build in the same folder, or an empty one."""
     if not (out / "manifest.json").exists():
-        return {}
+        return Manifest(seed, (), {}, {})
     manifest = Manifest.read(out)
     if manifest.seed != seed:
         raise ValueError(f"{out} was built with seed {manifest.seed}: build with seed {seed} in another folder")
-    return {entry.id: entry.split for entry in manifest.entries}
+    return manifest
 
 
 def _check_names(jobs: list[RenderJob]) -> None:
@@ -88,13 +117,20 @@ def _check_names(jobs: list[RenderJob]) -> None:
 
 
 def object_file(id_: str) -> str:
-    """Return the path of an object's arrays, relative to the data set's folder."""
-    return f"{OBJECTS}/{id_.replace('/', '__')}.npz"
+    """Return the path of an object's arrays, relative to the data set's folder; long names are cut."""
+    stem = id_.replace("/", "__")
+    encoded = stem.encode()
+    if len(encoded) > MAX_STEM:
+        start = encoded[: MAX_STEM - DIGEST - 1].decode(errors="ignore")
+        stem = f"{start}-{hashlib.sha256(encoded).hexdigest()[:DIGEST]}"
+    return f"{OBJECTS}/{stem}.npz"
 
 
-def render_to_file(job: RenderJob) -> None:
-    """Render one mesh and write its file, whole or not at all (runs in a worker process)."""
-    rendered = render(job.record, job.seed)
+def render_to_file(job: RenderJob) -> str | None:
+    """Render one mesh and write its file, whole or not at all; return what it lacks (runs in a worker process)."""
+    mesh = load_mesh(job.record)
+    rendered = render_parts(mesh.parts, job.record.id, job.seed)
     with whole_file(job.target) as file:
         arrays = {COLORS if name == "colors" else name: array for name, array in vars(rendered).items()}
         np.savez_compressed(file, **arrays)
+    return "; ".join(mesh.losses) or None

@@ -1,5 +1,6 @@
 """Find objects of the same shape: color variants, mirror images, turned copies."""
 
+from collections.abc import Collection
 from typing import Final
 
 import numpy as np
@@ -13,8 +14,8 @@ EXTENT_TOLERANCE: Final = 0.03  # of the longest side; pairs whose boxes differ 
 THRESHOLD: Final = 1.25  # times the distance between two samples of the same surface
 
 
-def duplicates(clouds: dict[str, Floats], threshold: float = THRESHOLD) -> dict[str, str]:
-    """Map each object that repeats an earlier one (by sorted id) to the object to keep.
+def duplicates(clouds: dict[str, Floats], threshold: float = THRESHOLD, first: Collection[str] = ()) -> dict[str, str]:
+    """Map each object that repeats an earlier one (by sorted id, those of `first` before others) to the one to keep.
 
     Two objects are the same when the mean nearest distance between their clouds, the worse of both
     directions and the best over quarter turns about +Y and mirror images, is below `threshold` times
@@ -24,7 +25,7 @@ def duplicates(clouds: dict[str, Floats], threshold: float = THRESHOLD) -> dict[
     ----------
     clouds : id -> (n, 3) float32 points on the surface, object frame, n at least 2 * COMPARED_POINTS.
     """
-    ids = sorted(clouds)
+    ids = sorted(clouds, key=lambda id_: (id_ not in first, id_))
     halves = {id_: (clouds[id_][:COMPARED_POINTS], clouds[id_][COMPARED_POINTS : 2 * COMPARED_POINTS]) for id_ in ids}
     trees = {id_: cKDTree(halves[id_][0]) for id_ in ids}
     floors = {id_: float(trees[id_].query(halves[id_][1])[0].mean()) for id_ in ids}

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Final, Literal
 
@@ -19,11 +19,18 @@ VARIANTS: Final = "variants"  # folder that `hof-model data vary` writes, in the
 PIECES: Final = "made"  # folder that `hof-model data make` writes
 COLORS: Final = "colours"  # name of the points' colors in an object's file
 _KEYS: Final = {"license": "licence"}  # field -> key in manifest.json, where they differ
+_OPTIONAL: Final = {"page": "", "rotation": None}  # field -> value for which manifest.json has no key
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One object. `mesh_sha256` identifies its mesh file; `file` is relative to the data set's folder."""
+    """One object.
+
+    mesh_sha256 : identifies its mesh file.
+    file : its arrays, relative to the data set's folder.
+    page : address of its page, for NOTICE.
+    rotation : row-major 3x3 matrix from the mesh file's frame to the object frame; None for none.
+    """
 
     id: str
     name: str
@@ -34,16 +41,19 @@ class Entry:
     mesh_sha256: str
     file: str
     split: Split
+    page: str = ""
+    rotation: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True)
 class Manifest:
-    """A data set: its objects, the meshes left out and why, and its seed."""
+    """A data set: its objects, the meshes left out and why, what others lack, and its seed."""
 
     seed: int
     entries: tuple[Entry, ...]
     duplicates: dict[str, str]  # id left out -> id kept
     failures: dict[str, str]  # id -> why its mesh could not be used
+    losses: dict[str, str] = field(default_factory=dict)  # id -> textures and materials that could not be used
 
     def of(self, split: Split) -> Iterator[Entry]:
         """Return the split's objects in manifest order."""
@@ -53,8 +63,11 @@ class Manifest:
         """Write as JSON, whole or not at all."""
         fields = asdict(self)
         fields["entries"] = [
-            {_KEYS.get(field, field): value for field, value in entry.items()} for entry in fields["entries"]
+            {_KEYS.get(name, name): value for name, value in entry.items() if value != _OPTIONAL.get(name, ...)}
+            for entry in fields["entries"]
         ]
+        if not self.losses:
+            del fields["losses"]
         with whole_file(path) as file:
             file.write((json.dumps(fields, indent=1, ensure_ascii=False) + "\n").encode())
 
@@ -70,8 +83,11 @@ class Manifest:
         if not path.is_file():
             raise FileNotFoundError(f"{path} is missing: run `hof-model data build --out {folder}` first")
         fields = json.loads(path.read_text(encoding="utf-8"))
-        names = {key: field for field, key in _KEYS.items()}
-        entries = ({names.get(key, key): value for key, value in entry.items()} for entry in fields["entries"])
+        names = {key: name for name, key in _KEYS.items()}
+        entries = [{names.get(key, key): value for key, value in entry.items()} for entry in fields["entries"]]
+        for entry in entries:
+            if "rotation" in entry:
+                entry["rotation"] = tuple(entry["rotation"])
         return cls(**{**fields, "entries": tuple(Entry(**entry) for entry in entries)})
 
 

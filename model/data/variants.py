@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -57,7 +57,9 @@ class VariantsJob:
 
 
 def vary(records: Iterable[MeshRecord], folder: Path, variants: int, views: int, processes: int) -> dict[str, str]:
-    """Write the missing variants of every object in `folder`'s manifest; return id -> failure.
+    """Write the missing variants of the objects in `folder`'s manifest that are of the records' sources.
+
+    Return id -> failure.
 
     Variant 0 is the object itself under free cameras. In the training split, variants 1 to STRETCHED are stretched,
     those up to WARPED are warped, and those up to `variants` are warped with textures of other training objects. Each
@@ -66,11 +68,13 @@ def vary(records: Iterable[MeshRecord], folder: Path, variants: int, views: int,
     Raises
     ------
     FileNotFoundError : `folder` holds no finished data set, or lacks the textures for variants above WARPED.
-    ValueError : the records lack an object of the manifest.
+    ValueError : the records lack an object of their sources, or all are of other sources.
     """
     manifest = Manifest.read(folder)
     by_id = {record.id: record for record in records}
-    if missing_ids := [entry.id for entry in manifest.entries if entry.id not in by_id]:
+    sources = {record.source for record in by_id.values()}
+    entries = [entry for entry in manifest.entries if entry.source in sources] or manifest.entries
+    if missing_ids := [entry.id for entry in entries if entry.id not in by_id]:
         raise ValueError(
             f"the source lacks {len(missing_ids)} objects of the manifest, {missing_ids[0]} among them: "
             "pass the meshes that the data set was built from"
@@ -82,13 +86,14 @@ def vary(records: Iterable[MeshRecord], folder: Path, variants: int, views: int,
             f"{folder} holds no textures: run `hof-model data textures` first, or pass --variants {WARPED}"
         )
     jobs = []
-    for entry in manifest.entries:
+    for entry in entries:
         train = entry.split == "train"
         files = {number: variant_file(folder, entry, number) for number in range(1 + variants * train)}
         missing = {number: file for number, file in files.items() if not file.exists()}
         if missing:
             base = folder / entry.file
-            jobs.append(VariantsJob(by_id[entry.id], base, missing, train, textures, views, manifest.seed))
+            record = replace(by_id[entry.id], rotation=entry.rotation or by_id[entry.id].rotation)
+            jobs.append(VariantsJob(record, base, missing, train, textures, views, manifest.seed))
     return run_with_progress(render_variants, jobs, lambda job: job.record.id, processes, "vary", "object")
 
 

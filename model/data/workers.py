@@ -17,14 +17,27 @@ Job = TypeVar("Job")
 
 @dataclass(frozen=True)
 class Outcome(Generic[Job]):
-    """A job that ended, and the reason why it failed, in a sentence, or None."""
+    """A job that ended.
+
+    failure : the reason why it failed, in a sentence, or None.
+    remark : what the function returned: a sentence on what it left out, or None.
+    """
 
     job: Job
     failure: str | None
+    remark: str | None = None
+
+
+@dataclass(frozen=True)
+class Report:
+    """Sentences on jobs, by name: the reasons of those that failed, and remarks on others."""
+
+    failures: dict[str, str]
+    remarks: dict[str, str]
 
 
 def run_isolated(
-    function: Callable[[Job], None], jobs: Iterable[Job], processes: int, timeout_s: float = 180
+    function: Callable[[Job], str | None], jobs: Iterable[Job], processes: int, timeout_s: float = 180
 ) -> Generator[Outcome[Job], None, None]:
     """Call `function(job)` for each job in `processes` processes; yield outcomes in the order in which jobs end.
 
@@ -32,37 +45,55 @@ def run_isolated(
 
     Parameters
     ----------
-    function : importable by name; stores its result itself. An exception fails its job only.
+    function : importable by name; stores its result itself, and may return a remark. An exception fails its job only.
     timeout_s : longest run of a job; after it the job fails and its process is killed.
     """
     pool = ProcessPool(processes, context=multiprocessing.get_context("spawn"))
     try:
-        futures: dict[Future[None], Job] = {pool.schedule(function, (job,), timeout=timeout_s): job for job in jobs}
+        futures: dict[Future[str | None], Job] = {
+            pool.schedule(function, (job,), timeout=timeout_s): job for job in jobs
+        }
         for future in as_completed(futures):
-            yield Outcome(futures[future], _failure(future, timeout_s))
+            failure = _failure(future, timeout_s)
+            yield Outcome(futures[future], failure, None if failure else future.result())
     finally:
         pool.stop()  # type: ignore[no-untyped-call]
         pool.join()
 
 
 def run_with_progress(
-    function: Callable[[Job], None],
+    function: Callable[[Job], str | None],
     jobs: Sequence[Job],
     name: Callable[[Job], str],
     processes: int,
     desc: str,
     unit: str,
 ) -> dict[str, str]:
-    """Call `run_isolated` behind a progress bar that also prints failures; return name -> failure."""
-    failures: dict[str, str] = {}
+    """Call `run_isolated` behind a progress bar that also prints failures and remarks; return name -> failure."""
+    return run_with_report(function, jobs, name, processes, desc, unit).failures
+
+
+def run_with_report(
+    function: Callable[[Job], str | None],
+    jobs: Sequence[Job],
+    name: Callable[[Job], str],
+    processes: int,
+    desc: str,
+    unit: str,
+) -> Report:
+    """Call `run_isolated` behind a progress bar that also prints failures and remarks; return both."""
+    report = Report({}, {})
     for outcome in tqdm(run_isolated(function, jobs, processes), total=len(jobs), desc=desc, unit=unit):
         if outcome.failure:
-            failures[name(outcome.job)] = outcome.failure
+            report.failures[name(outcome.job)] = outcome.failure
             tqdm.write(f"skipped {name(outcome.job)}: {outcome.failure}")
-    return failures
+        if outcome.remark:
+            report.remarks[name(outcome.job)] = outcome.remark
+            tqdm.write(f"{name(outcome.job)}: {outcome.remark}")
+    return report
 
 
-def _failure(future: Future[None], timeout_s: float) -> str | None:
+def _failure(future: Future[str | None], timeout_s: float) -> str | None:
     """Return why a finished job failed, or None."""
     match future.exception():
         case None:

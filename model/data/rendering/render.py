@@ -13,7 +13,7 @@ from PIL import Image
 
 from model.data.manifest import SIZE
 from model.data.rendering.cameras import ring_cameras
-from model.data.rendering.surface import material_color, material_image, sample_surface
+from model.data.rendering.surface import face_colors, material_color, material_image, sample_surface, vertex_colors
 from model.data.sources.meshes import MeshRecord, load_parts
 from service.drawing.cloud import camera_axes
 
@@ -21,6 +21,7 @@ SUPERSAMPLING: Final = 2
 SURFACE_POINTS: Final = 10_000
 FILL: Final = 0.94  # of the frame, by the object's larger half-extent
 MIN_OPACITY: Final = 0.35  # glass stays visible
+RGB: Final = "rgb"  # name of the colors of faces or vertices on the stage
 
 Floats = npt.NDArray[np.float32]
 Bytes = npt.NDArray[np.uint8]
@@ -49,8 +50,17 @@ def render(record: MeshRecord, seed: int) -> Rendered:
     ------
     ValueError : the mesh is empty, flat to a point, or cannot be read.
     """
-    rng = np.random.default_rng([seed, *record.id.encode()])
-    parts = load_parts(record)
+    return render_parts(load_parts(record), record.id, seed)
+
+
+def render_parts(parts: list[trimesh.Trimesh], id_: str, seed: int) -> Rendered:
+    """Render views and sample surface points of parts in the object frame; cameras depend on seed and id only.
+
+    Raises
+    ------
+    ValueError : the surface has no area.
+    """
+    rng = np.random.default_rng([seed, *id_.encode()])
     points, colors = sample_surface(parts, SURFACE_POINTS, rng)
     cameras = ring_cameras(rng)
     with closing(stage(parts)) as plotter:
@@ -70,23 +80,35 @@ def stage(parts: list[trimesh.Trimesh], multisampling: bool = True) -> pyvista.P
         plotter.disable_anti_aliasing()
     plotter.set_background("black")  # the screenshot is then color times alpha
     for part in parts:
-        color, opacity = material_color(part)
-        surface = pyvista.PolyData.from_regular_faces(np.asarray(part.vertices), np.asarray(part.faces))
-        surface.point_data.active_normals = np.asarray(part.vertex_normals)
-        image = material_image(part)
-        if image is not None:
-            surface.active_texture_coordinates = np.asarray(part.visual.uv)
-        plotter.add_mesh(
-            surface,
-            color=None if image is not None else color.tolist(),
-            texture=None if image is None else pyvista.Texture(np.asarray(image)),
-            opacity=max(opacity, MIN_OPACITY),
-            ambient=0.3,
-            diffuse=0.75,
-            specular=0.1,
-            interpolation="Phong",
-        )
+        _add_part(plotter, part)
     return plotter
+
+
+def _add_part(plotter: pyvista.Plotter, part: trimesh.Trimesh) -> None:
+    """Put a part on the stage, colored by its faces, its vertices times its texture, or its material."""
+    color, opacity = material_color(part)
+    surface = pyvista.PolyData.from_regular_faces(np.asarray(part.vertices), np.asarray(part.faces))
+    surface.point_data.active_normals = np.asarray(part.vertex_normals)
+    image, by_vertex, by_face = material_image(part), vertex_colors(part), face_colors(part)
+    if image is not None:
+        surface.active_texture_coordinates = np.asarray(part.visual.uv)
+    if by_face is not None:
+        surface.cell_data[RGB] = by_face
+    elif by_vertex is not None:
+        surface.point_data[RGB] = by_vertex
+    painted = by_face is not None or by_vertex is not None
+    plotter.add_mesh(
+        surface,
+        scalars=RGB if painted else None,
+        rgb=painted,
+        color=None if painted or image is not None else color.tolist(),
+        texture=None if image is None else pyvista.Texture(np.asarray(image)),
+        opacity=max(opacity, MIN_OPACITY),
+        ambient=0.3,
+        diffuse=0.75,
+        specular=0.1,
+        interpolation="Phong",
+    )
 
 
 def stretch(plotter: pyvista.Plotter, scale: npt.NDArray[np.float64]) -> None:

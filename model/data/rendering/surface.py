@@ -5,6 +5,8 @@ import numpy.typing as npt
 import trimesh
 from PIL import Image
 
+from model.data.sources.formats.gltf import TINT
+
 Floats = npt.NDArray[np.float32]
 Bytes = npt.NDArray[np.uint8]
 
@@ -27,9 +29,9 @@ def sample_surface(parts: list[trimesh.Trimesh], n: int, rng: np.random.Generato
     points, colors = np.empty((n, 3), np.float32), np.empty((n, 3), np.uint8)
     for index, part in enumerate(parts):
         rows = np.flatnonzero(owner[chosen] == index)
-        corners = part.faces[local[chosen[rows]]]  # (m, 3) vertex numbers
-        points[rows] = np.einsum("mc,mcd->md", weights[rows], part.vertices[corners])
-        colors[rows] = _colors(part, corners, weights[rows])
+        faces = local[chosen[rows]]
+        points[rows] = np.einsum("mc,mcd->md", weights[rows], part.vertices[part.faces[faces]])  # (m, 3, 3) corners
+        colors[rows] = _colors(part, faces, weights[rows])
     return points, colors
 
 
@@ -54,6 +56,26 @@ def material_image(part: trimesh.Trimesh) -> Image.Image | None:
     return rgb
 
 
+def vertex_colors(part: trimesh.Trimesh) -> Bytes | None:
+    """Return the colors of the part's vertices, (n, 3), which multiply its texture; None if it has none or one."""
+    if part.visual.kind == "vertex":
+        return _varied(part.visual.vertex_colors)
+    return _varied(getattr(getattr(part.visual, "material", None), "kwargs", {}).get(TINT))
+
+
+def face_colors(part: trimesh.Trimesh) -> Bytes | None:
+    """Return the colors of the part's faces, (n, 3), or None if it has none or one."""
+    return _varied(part.visual.face_colors) if part.visual.kind == "face" else None
+
+
+def _varied(colors: Bytes | None) -> Bytes | None:
+    """Return RGB colors, or None if all are the same: `material_color` returns that one."""
+    if colors is None:
+        return None
+    rgb: Bytes = np.asarray(colors, np.uint8)[:, :3]
+    return None if (rgb == rgb[:1]).all() else rgb
+
+
 def _barycentric(n: int, rng: np.random.Generator) -> npt.NDArray[np.float64]:
     """Return n uniform positions in a triangle, (n, 3), rows sum to 1."""
     u, v = rng.random((2, n))
@@ -61,15 +83,27 @@ def _barycentric(n: int, rng: np.random.Generator) -> npt.NDArray[np.float64]:
     return np.stack([1 - root, root * (1 - v), root * v], axis=1)
 
 
-def _colors(part: trimesh.Trimesh, corners: npt.NDArray[np.int64], weights: npt.NDArray[np.float64]) -> Bytes:
-    """Return the texture at each point, or the plain color: (m, 3) uint8."""
-    image = material_image(part)
-    if image is None:
-        return np.broadcast_to(material_color(part)[0], (len(corners), 3))
+def _colors(part: trimesh.Trimesh, faces: npt.NDArray[np.int64], weights: npt.NDArray[np.float64]) -> Bytes:
+    """Return the color of a point in each of the faces, from texture, vertices, faces or material: (m, 3) uint8."""
+    by_face, by_vertex, image = face_colors(part), vertex_colors(part), material_image(part)
+    if by_face is not None:
+        return by_face[faces]
+    corners = part.faces[faces]  # (m, 3) vertex numbers
+    colors = np.broadcast_to(material_color(part)[0], (len(faces), 3))
+    if image is not None:
+        colors = _texels(image, np.einsum("mc,mcd->md", weights, np.asarray(part.visual.uv)[corners]) % 1.0)
+    if by_vertex is None:
+        return colors
+    tint = np.einsum("mc,mcd->md", weights, by_vertex[corners].astype(np.float64))
+    tinted: Bytes = (tint if image is None else colors * tint / 255).round().astype(np.uint8)
+    return tinted
+
+
+def _texels(image: Image.Image, uv: npt.NDArray[np.float64]) -> Bytes:
+    """Return the nearest pixels at coordinates in [0, 1), V upward: (m, 3) uint8."""
     pixels = np.asarray(image)
-    uv = np.einsum("mc,mcd->md", weights, np.asarray(part.visual.uv)[corners]) % 1.0
     height, width = pixels.shape[:2]
     rows = ((1 - uv[:, 1]) * (height - 1)).round().astype(int)
     columns = (uv[:, 0] * (width - 1)).round().astype(int)
-    colors: Bytes = pixels[rows, columns]
-    return colors
+    texels: Bytes = pixels[rows, columns]
+    return texels

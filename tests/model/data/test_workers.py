@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from model.data.workers import run_isolated, run_with_progress
+from model.data.workers import run_isolated, run_with_progress, run_with_report
 from tests.support.small.jobs import wait_unless_ready, work
 
 
@@ -41,3 +41,10 @@ def test_run_with_progress_failures_are_returned_by_name_and_printed(capsys: pyt
     failures = run_with_progress(work, range(3), lambda job: f"job {job}", 2, "work", "job")
     assert failures == {"job 1": "the worker process crashed", "job 2": "ValueError: bad mesh"}
     assert "skipped job 2: ValueError: bad mesh" in capsys.readouterr().out
+
+
+def test_run_with_report_remarks_are_returned_by_name_and_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    report = run_with_report(work, (2, 5), lambda job: f"job {job}", 1, "work", "job")
+    assert report.failures == {"job 2": "ValueError: bad mesh"}
+    assert report.remarks == {"job 5": "half of it"}
+    assert "job 5: half of it" in capsys.readouterr().out

@@ -1,0 +1,1 @@
+"""Mesh file formats: what trimesh leaves out or misreads, one format a file."""
