@@ -60,7 +60,11 @@ def add_stages(data: "argparse._SubParsersAction[argparse.ArgumentParser]") -> N
     photographs.set_defaults(run=_photographs)
     photographs.add_argument("--data", type=Path, default=DATA, help="folder of the data set")
     add_pack(data.add_parser("pack", help="write a data set as a few large files, to train from on a GPU"), DATA)
-    preview = data.add_parser("preview", help="write a contact sheet of views and points")
+    _add_preview(data.add_parser("preview", help="write a contact sheet of views and points"))
+
+
+def _add_preview(preview: argparse.ArgumentParser) -> None:
+    """Declare the flags of `preview`."""
     preview.set_defaults(run=_preview)
     preview.add_argument("--data", type=Path, default=DATA, help="folder of the data set")
     preview.add_argument("-o", "--output", type=Path, default=Path("out/preview.png"))
