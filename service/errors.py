@@ -5,13 +5,14 @@
     │   ├── CorruptImage
     │   └── CorruptWeights
     ├── Unauthenticated         401  no API key, or an unknown one
-    ├── Forbidden               403  a key without the scope that the call needs
+    ├── Forbidden               403  a key without the scope that the call needs; another site's page
     ├── NotFound                404  no object with this id
     ├── Stalled                 408  a client that stopped sending
     ├── InUse                   409  an object that a composed object uses
     ├── NotAcceptable           406  no format satisfies the Accept header
     ├── TooLarge                413  more bytes or pixels than the limit
     ├── UnsupportedMedia        415  a body that is not PNG, JPEG or WebP
+    ├── Misdirected             421  a host name that is not this service's
     ├── InvalidParameter        422  a parameter unknown, of the wrong type or out of range
     │   ├── NoObjectFound            no object to encode in the image
     │   └── InvalidSpec              a mapping spec that describes no function
@@ -20,6 +21,7 @@
     │   ├── Overloaded          429  the queue or a limit in flight is full
     │   ├── RateLimited         429  more requests than the rate limit
     │   └── NotReady            503  the encoder is still loading
+    ├── UnsupportedVersion      505  another version of HTTP than 1.0 and 1.1
     ├── StoreFull               507  the database has no space left
     ├── InvalidModel            500  the model file is unusable: refused at start
     ├── InvalidKeys             500  the file of API keys is unusable: refused at start
@@ -68,7 +70,7 @@ class Unauthenticated(HofError):
 
 
 class Forbidden(HofError):
-    """A key without the scope that the call needs."""
+    """A key without the scope that the call needs, or a page of another site."""
 
     status = 403
     title = "Forbidden"
@@ -114,6 +116,13 @@ class UnsupportedMedia(HofError):
 
     status = 415
     title = "Unsupported media type"
+
+
+class Misdirected(HofError):
+    """A request for a host name that this service does not answer for."""
+
+    status = 421
+    title = "Misdirected request"
 
 
 class InvalidParameter(HofError):
@@ -169,6 +178,13 @@ class NotReady(TryLater):
 
     status = 503
     title = "Not ready"
+
+
+class UnsupportedVersion(HofError):
+    """A request of another version of HTTP than 1.0 and 1.1."""
+
+    status = 505
+    title = "HTTP version not supported"
 
 
 class StoreFull(HofError):

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 _SCOPE_KEY: Final = "hof.context"
+_REFUSAL_KEY: Final = "hof.refusal"
 
 
 @dataclass
@@ -34,3 +35,20 @@ def context_of(scope: MutableMapping[str, Any]) -> RequestContext:
     """Return the context of an ASGI scope, which `service.api.middleware.observe` attached."""
     context: RequestContext = scope[_SCOPE_KEY]
     return context
+
+
+def note_refusal(scope: MutableMapping[str, Any], status: int) -> None:
+    """Note in an ASGI scope that the server itself answered the request while it was received."""
+    scope[_REFUSAL_KEY] = status
+
+
+def refusal_of(scope: MutableMapping[str, Any]) -> int | None:
+    """Return the status that the server itself answered with; None if it leaves the answer to the application."""
+    status: int | None = scope.get(_REFUSAL_KEY)
+    return status
+
+
+def client_of(scope: MutableMapping[str, Any]) -> str | None:
+    """Return the address of a request's client; None if it is unknown."""
+    client: tuple[str, int] | None = scope.get("client")
+    return client[0] if client else None

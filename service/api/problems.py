@@ -96,6 +96,12 @@ async def _validation(request: Request, error: RequestValidationError) -> Respon
     )
 
 
+def unknown_path() -> Response:
+    """Return the answer for a path that the service does not have, which equals Starlette's own."""
+    title = HTTPStatus.NOT_FOUND.phrase
+    return _respond(Problem(type="about:blank", title=title, status=HTTPStatus.NOT_FOUND, detail=title))
+
+
 async def _http(request: Request, error: HTTPException) -> Response:
     """Answer Starlette's own errors: no such route, wrong method."""
     title = HTTPStatus(error.status_code).phrase

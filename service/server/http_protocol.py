@@ -1,4 +1,4 @@
-"""HTTP/1.1 connections with limits on request heads: uvicorn alone reads heads of any size and waits without end.
+"""HTTP/1.1 connections with limits on heads and framing: uvicorn alone reads any amount and waits without end.
 
 `service.api.wire.uploads` limits bodies, and `service.api.wire.disconnects` watches for clients that leave.
 """
@@ -6,19 +6,26 @@
 import asyncio
 import logging
 from functools import partial
-from typing import Any, Final, cast
+from typing import Any, Final, NoReturn, cast
 
+import httptools
 from starlette.datastructures import MutableHeaders
-from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol, RequestResponseCycle
 
+from service.api.context import note_refusal
 from service.api.middleware.security_headers import SECURE
 from service.api.problems import respond
 from service.errors import HeadTooLarge, HofError, InvalidInput, Stalled
+from service.server.http_head import check_framing, check_host, check_version, combine, without_upgrade
 
 logger: Final = logging.getLogger("hof.access")
 
 MAX_HEAD_BYTES: Final = 65_536  # of a request's target and header fields
 PUNCTUATION: Final = 4  # bytes of a field besides name and value: a colon, a space, CR and LF
+MIN_CHUNK_BYTES: Final = 256  # average of a chunked body: each chunk costs the event loop as much as many bytes
+FREE_CHUNKS: Final = 256  # that may be smaller
+MAX_FRAMING_BYTES: Final = 2 * MAX_HEAD_BYTES  # chunk sizes, extensions and trailers, besides an eighth of the body
 
 
 def http_protocol(head_timeout_s: float) -> type[asyncio.Protocol]:
@@ -32,6 +39,10 @@ class LimitedHttpProtocol(HttpToolsProtocol):
 
     Each of these is a problem document and ends the connection. A client that connects and sends nothing is
     disconnected without an answer.
+
+    Heads follow the rules of `service.server.http_head`. Trailers are dropped. A wish to change the protocol is
+    ignored, that of `curl --http2` for example. A body in many tiny chunks, or in chunks with long extensions, is a
+    400.
 
     One request at a time: bytes that arrive before the answer has ended are dropped, and the connection ends with
     that answer (RFC 9112, 9.3.2: the client then sends the request again). So no queue grows, and a client that
@@ -47,6 +58,10 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         self._ignores_input = False  # the connection is about to end
         self._lingers_until: float | None = None  # loop time at which an answered connection ends
         self._held_bytes = 0  # received, but not yet part of a target, field or body: httptools buffers a field
+        self._error: HofError | None = None  # ended the parsing
+        self._is_upgrade = False  # the head asks for another protocol: it is parsed again without that
+        self._is_in_body = False  # the head is complete
+        self._body_bytes = self._wire_bytes = self._chunks = 0  # of this body; wire: with its framing
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Wait for the first head."""
@@ -63,11 +78,15 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         if self._ignores_input:
             return
         self._held_bytes += len(data)
-        super().data_received(data)
+        self._wire_bytes += len(data) if self._is_in_body else 0
+        self._unset_keepalive_if_required()
+        self._parse(data)
         if self._ignores_input or self.transport.is_closing():
             return
         if self._held_bytes > MAX_HEAD_BYTES:
             self._refuse(_too_large())
+        elif self._is_in_body and self._wire_bytes > MAX_FRAMING_BYTES + self._body_bytes * 9 // 8:
+            self._refuse(InvalidInput("the body has more framing than content: send chunks without extensions"))
         elif self._timer is None and self.cycle is not None and self.cycle.response_complete:
             # The answer is out, and the rest of an unread body or blank lines arrive: uvicorn would wait without end.
             self._lingers_until = self._lingers_until or self.loop.time() + self.timeout_keep_alive
@@ -81,6 +100,9 @@ class LimitedHttpProtocol(HttpToolsProtocol):
             raise InvalidInput("one request at a time")
         super().on_message_begin()
         self._lingers_until = None
+        self._error = None
+        self._is_upgrade = self._is_in_body = False
+        self._body_bytes = self._wire_bytes = self._chunks = 0
         self._head_bytes = self._held_bytes = 0
         self._head_has_begun = True
         if self._timer is None:
@@ -92,31 +114,79 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         super().on_url(url)
 
     def on_header(self, name: bytes, value: bytes) -> None:
-        """Take a field of the head or of the trailers. Raises HeadTooLarge, which ends the parsing."""
+        """Take a field of the head, drop one of the trailers. Raises HeadTooLarge, which ends the parsing."""
         self._count(len(name) + len(value) + PUNCTUATION)
-        super().on_header(name, value)
+        if not self._is_in_body:
+            super().on_header(name, value)
 
     def on_headers_complete(self) -> None:
-        """End the head."""
+        """End the head. Raises InvalidInput or UnsupportedVersion, which ends the parsing."""
+        version, method = self.parser.get_http_version(), self.parser.get_method()
+        try:
+            check_version(version, method)
+            check_framing(version, self.headers)
+            check_host(version, self.url, self.headers)
+        except HofError as error:
+            self._fail(error)
+        if self.parser.should_upgrade():
+            self._is_upgrade = True  # `_parse` continues
+            return
+        combine(self.headers)
         self._stop_timer()
+        self._is_in_body = True
         super().on_headers_complete()
+
+    def on_chunk_header(self) -> None:
+        """Begin a chunk. Raises InvalidInput, which ends the parsing, if a body has too many small ones."""
+        self._chunks += 1
+        if self._chunks > FREE_CHUNKS + self._body_bytes // MIN_CHUNK_BYTES:
+            self._fail(InvalidInput(f"the chunks of the body have fewer than {MIN_CHUNK_BYTES} bytes on average"))
 
     def on_body(self, body: bytes) -> None:
         """Take a part of the body."""
         self._held_bytes = 0
+        self._body_bytes += len(body)
         super().on_body(body)
 
+    def on_message_complete(self) -> None:
+        """End the request."""
+        self._is_in_body = False
+        if not self._is_upgrade:
+            super().on_message_complete()
+
     def send_400_response(self, msg: str) -> None:
-        """Answer a parsing error, ours (431) or httptools' (400)."""
+        """Answer a parsing error, ours or httptools' (400)."""
         if not self._ignores_input:
-            is_too_large = self._head_bytes > MAX_HEAD_BYTES
-            self._refuse(_too_large() if is_too_large else InvalidInput("the bytes received are not an HTTP request"))
+            self._refuse(self._error or InvalidInput(msg))
+
+    def _start_asgi_task(self, cycle: RequestResponseCycle, app: ASGIApp) -> None:  # type: ignore[override]
+        if cycle.scope["http_version"] == "1.0":
+            cycle.waiting_for_100_continue = False
+            app = partial(_without_chunks, app, cycle)
+        super()._start_asgi_task(cycle, app)  # type: ignore[arg-type]
+
+    def _parse(self, data: bytes) -> None:
+        """Parse the data. A head that asks for another protocol is parsed again without that, before its body."""
+        try:
+            self.parser.feed_data(data)
+        except httptools.HttpParserUpgrade as upgrade:
+            head = without_upgrade(self.parser.get_method(), self.url, self.parser.get_http_version(), self.headers)
+            self.parser = httptools.HttpRequestParser(self)
+            self.parser.set_dangerous_leniencies(lenient_data_after_close=True)  # as uvicorn does
+            self._parse(head + data[upgrade.args[0] :])
+        except httptools.HttpParserError:
+            self.send_400_response("the bytes received are not an HTTP request")
+
+    def _fail(self, error: HofError) -> NoReturn:
+        """End the parsing with an error."""
+        self._error = error
+        raise error
 
     def _count(self, size: int) -> None:
         self._held_bytes = 0
         self._head_bytes += size
         if self._head_bytes > MAX_HEAD_BYTES:
-            raise _too_large()
+            self._fail(_too_large())
 
     def _start_timer(self) -> None:
         self._timer = self.loop.call_later(self._head_timeout_s, self._time_out)
@@ -145,6 +215,8 @@ class LimitedHttpProtocol(HttpToolsProtocol):
             headers.update({**SECURE, "Connection": "close"})
             lines = b"".join(b"%b: %b\r\n" % field for field in headers.raw)
             self.transport.write(STATUS_LINE[error.status] + lines + b"\r\n" + bytes(answer.body))
+            if is_in_request:
+                note_refusal(cycle.scope, error.status)
         if is_in_request:
             cycle.disconnected = True  # so that the call sends nothing more, and ends
             cycle.message_event.set()
@@ -153,3 +225,22 @@ class LimitedHttpProtocol(HttpToolsProtocol):
 
 def _too_large() -> HeadTooLarge:
     return HeadTooLarge(f"the request's head has more than {MAX_HEAD_BYTES} bytes, the limit")
+
+
+async def _without_chunks(
+    app: ASGIApp, cycle: RequestResponseCycle, scope: Scope, receive: Receive, send: Send
+) -> None:
+    """Answer HTTP/1.0, which has no chunks: the end of the connection ends a body without a Content-Length."""
+    ends_with_connection = False
+
+    async def send_unchunked(message: Message) -> None:
+        nonlocal ends_with_connection
+        if message["type"] == "http.response.start":
+            ends_with_connection = all(name.lower() != b"content-length" for name, _ in message.get("headers", []))
+            if ends_with_connection:
+                cycle.chunked_encoding = False
+        elif ends_with_connection:
+            cycle.expected_content_length = len(message.get("body", b""))  # uvicorn compares each message with it
+        await send(message)
+
+    await app(scope, receive, send_unchunked)

@@ -26,7 +26,8 @@ class Server(uvicorn.Server):
 def running(settings: Settings) -> Iterator[Server]:
     """Run the service in a thread, over a real socket, until the block ends."""
     http = http_protocol(settings.client_timeout_s)
-    config = uvicorn.Config(create_app(settings), port=0, http=http, log_level="warning", lifespan="on", ws="none")
+    app = create_app(settings)
+    config = uvicorn.Config(app, port=0, http=http, log_level="warning", lifespan="on", ws="none", proxy_headers=False)
     server = Server(config)
     thread = threading.Thread(target=server.run)
     thread.start()

@@ -12,7 +12,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.routing import compile_path
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.api.context import RequestContext, attach
+from service.api.context import RequestContext, attach, refusal_of
 from service.telemetry.logs import REQUEST_ID
 from service.telemetry.metrics import Metrics
 
@@ -112,10 +112,10 @@ class Exchange:
 
     @property
     def status(self) -> int:
-        """Status of the answer; of an answer that broke off, 499 if the client left and 500 otherwise."""
-        if self._is_complete and self._sent_status is not None:
-            return self._sent_status
-        return CLIENT_LEFT if self._client_left else 500
+        """Status of the answer; 499 if the client left before it was complete; 500 if it broke off otherwise."""
+        if self._client_left:
+            return refusal_of(self.scope) or CLIENT_LEFT
+        return self._sent_status if self._is_complete and self._sent_status is not None else 500
 
     async def receive(self) -> Message:
         """Return the next message of the request; a disconnect before the end of the answer is noted."""

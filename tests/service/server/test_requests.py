@@ -1,0 +1,262 @@
+"""Requests that no ordinary client sends, over a raw socket at `hof serve`: none is misread or smuggles another."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+from PIL import Image
+
+from service.api.keys import make_key
+from service.server.http_protocol import FREE_CHUNKS, MAX_FRAMING_BYTES, MIN_CHUNK_BYTES
+from tests.support.photos import disc, image_file
+from tests.support.processes import Served, hof_serve
+from tests.support.raw_sockets import ask, connect_to, next_answer
+from tests.support.slow import DEADLINE_S, PATH, until
+
+PHOTO = image_file(disc())
+CHUNKED = b"POST /encode HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: chunked\r\n\r\n"
+SECOND = b"GET /health/live HTTP/1.1\r\nHost: x\r\n\r\n"
+UPGRADES = {
+    "curl": b"Connection: Upgrade, HTTP2-Settings\r\nUpgrade: h2c\r\nHTTP2-Settings: AAMAAABkAAQAoAAAAAIAAAAA\r\n",
+    "java": b"Connection: Upgrade, HTTP2-Settings\r\nHTTP2-Settings: AAEAAEAAAAIAAAAB\r\nUpgrade: h2c\r\n",
+    "websocket": b"Connection: keep-alive, Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\n",
+    "two fields": b"Connection: keep-alive\r\nConnection: UPGRADE\r\nUpgrade: foo\r\nUpgrade: h2c\r\n",
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("served")
+
+
+@pytest.fixture(scope="module")
+def served(folder: Path, model_path: Path) -> Iterator[Served]:
+    with hof_serve(folder, model_path, "--log-format=json", "--workers=1") as served:
+        yield served
+
+
+@pytest.fixture(scope="module")
+def link(served: Served) -> str:
+    """Path of a stored object."""
+    answer = httpx.post(f"{served.url}/encode", content=image_file(disc("blue")), timeout=DEADLINE_S)
+    link: str = answer.json()["links"]["self"]
+    return link
+
+
+def logged(folder: Path) -> list[dict[str, object]]:
+    """Return the entries of the access log."""
+    lines = (folder / "log").read_text().rpartition("\n")[0].splitlines()
+    return [entry for entry in map(json.loads, lines) if "route" in entry]
+
+
+def framed(body: bytes, framing: str) -> tuple[bytes, bytes]:
+    """Return the field and the bytes of a body, in one length or in chunks."""
+    if framing == "length":
+        return b"Content-Length: %d\r\n" % len(body), body
+    return b"Transfer-Encoding: chunked\r\n", b"%x\r\n%b\r\n0\r\n\r\n" % (len(body), body)
+
+
+# --- another protocol -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("framing", ["length", "chunks"])
+@pytest.mark.parametrize("upgrade", UPGRADES.values(), ids=list(UPGRADES))
+def test_upgrade_of_a_request_with_a_body_is_ignored(served: Served, upgrade: bytes, framing: str) -> None:
+    field, body = framed(PHOTO, framing)
+    head = b"POST /encode HTTP/1.1\r\nHost: x\r\n" + upgrade + field + b"\r\n"
+    for parts in ([head + body], [head, body], [head[:60], head[60:-2], head[-2:] + body[:9], body[9:]]):
+        assert ask(served.url, *parts).status in (200, 201)
+    with connect_to(served.url) as connection:
+        connection.sendall(head + body)
+        assert next_answer(connection).status == 200
+        connection.sendall(SECOND)
+        assert next_answer(connection).status == 200
+
+
+@pytest.mark.parametrize("framing", ["length", "chunks"])
+@pytest.mark.parametrize("upgrade", UPGRADES.values(), ids=list(UPGRADES))
+def test_request_in_the_body_of_an_upgrade_is_never_executed(
+    served: Served, folder: Path, link: str, upgrade: bytes, framing: str
+) -> None:
+    field, body = framed(f"DELETE {link} HTTP/1.1\r\nHost: x\r\n\r\n".encode(), framing)
+    head = b"POST /encode HTTP/1.1\r\nHost: x\r\n" + upgrade + field + b"\r\n"
+    for parts in ([head + body], [head, body]):
+        assert ask(served.url, *parts).status == 415
+    assert httpx.get(served.url + link).status_code == 200
+    assert [entry for entry in logged(folder) if entry["method"] == "DELETE"] == []
+
+
+def test_upgrade_without_a_body_is_ignored(served: Served) -> None:
+    for upgrade in UPGRADES.values():
+        with connect_to(served.url) as connection:
+            for _ in range(2):
+                connection.sendall(b"GET /health/live HTTP/1.1\r\nHost: x\r\n" + upgrade + b"\r\n")
+                assert next_answer(connection).status == 200
+
+
+@pytest.mark.parametrize(
+    ("head", "status"),
+    [
+        (b"GET /health/live HTTP/1.1\r\n", 400),
+        (b"GET /health/live HTTP/1.1\r\nHost: x\r\nHost: x\r\n", 400),
+        (b"GET /health/live HTTP/1.1\r\nHost: x\r\nHOST: y\r\n", 400),
+        (b"GET /health/live HTTP/1.0\r\nHost: x\r\nHost: x\r\n", 400),
+        (b"GET /health/live HTTP/1.1\r\nHost:\r\n", 400),
+        (b"GET /health/live HTTP/1.1\r\nHost: a b\r\n", 400),
+        (b"GET /health/live HTTP/1.1\r\nHost: user@x\r\n", 400),
+        (b"GET /health/live HTTP/1.1\r\nHost: x/y\r\n", 400),
+        (b"GET /health/live HTTP/1.1\r\nHost: x:y\r\n", 400),
+        (b"GET http://a@b/health/live HTTP/1.1\r\nHost: x\r\n", 400),
+        (b"CONNECT x:80 HTTP/1.1\r\nHost: x\r\n", 400),
+        (b"POST /encode HTTP/1.0\r\nHost: x\r\nTransfer-Encoding: chunked\r\n", 400),
+        (b"GET /health/live HTTP/2.0\r\nHost: x\r\n", 505),
+        (b"GET /health/live HTTP/0.9\r\nHost: x\r\n", 505),
+        (b"PRI * HTTP/2.0\r\n\r\nSM\r\n", 400),
+        (b"GET /health/live HTTP/1.0\r\n", 200),
+        (b"GET /health/live HTTP/1.1\r\nHost: x:8080\r\n", 200),
+        (b"GET /health/live HTTP/1.1\r\nHost: [::1]:8080\r\n", 200),
+        (b"GET http://x/health/live HTTP/1.1\r\nHost: y\r\n", 200),
+    ],
+)
+def test_head_against_the_rules_is_refused(served: Served, head: bytes, status: int) -> None:
+    answer = ask(served.url, head + b"\r\n")
+    assert answer.status == status
+    assert status == 200 or answer.headers["content-type"] == "application/problem+json"
+
+
+def test_answer_to_http_1_0_comes_without_chunks(served: Served, link: str) -> None:
+    head = f"GET {link}/points?n=1000&format=json HTTP/1.%d\r\nHost: x\r\nAccept-Encoding: %b\r\n\r\n".encode()
+    for coding in (b"identity", b"gzip"):
+        old, new = (ask(served.url, head % (minor, coding)) for minor in (0, 1))
+        assert "transfer-encoding" not in old.headers
+        assert old.headers["connection"] == "close"
+        assert new.headers["transfer-encoding"] == "chunked"
+        assert (old.status, old.body) == (200, new.body)
+    assert ask(served.url, head.replace(b"GET", b"HEAD") % (0, b"identity")).status == 200
+
+
+def test_fields_that_come_in_several_lines_are_joined(served: Served, link: str) -> None:
+    def head(*fields: str) -> bytes:
+        lines = "".join(f"{field}\r\n" for field in fields)
+        return f"GET {link}/points?n=10 HTTP/1.1\r\nHost: x\r\n{lines}\r\n".encode()
+
+    answer = ask(served.url, head("Accept: text/html", "Accept: application/json"))
+    assert (answer.status, answer.headers["content-type"]) == (200, "application/json")
+    tag = ask(served.url, head()).headers["etag"]
+    assert ask(served.url, head('If-None-Match: "x"', f"If-None-Match: {tag}")).status == 304
+    assert ask(served.url, head('If-None-Match: "x"', 'If-None-Match: "y"')).status == 200
+
+
+# --- framing --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("size", [1, MIN_CHUNK_BYTES // 2])
+def test_body_in_tiny_chunks_is_cut_off(served: Served, size: int) -> None:
+    answer = ask(served.url, CHUNKED + 10 * FREE_CHUNKS * (b"%x\r\n" % size + size * b"a" + b"\r\n"))
+    assert (answer.status, answer.headers["connection"]) == (400, "close")
+    assert b"on average" in answer.body
+
+
+@pytest.mark.parametrize("extension", [b";a=" + 1_000 * b"b", 200 * b";c"])
+def test_body_with_extensions_without_end_is_cut_off(served: Served, extension: bytes) -> None:
+    chunk = b"%x%b\r\n%b\r\n" % (MIN_CHUNK_BYTES, extension, MIN_CHUNK_BYTES * b"a")
+    answer = ask(served.url, CHUNKED, 4 * MAX_FRAMING_BYTES // len(extension) * chunk)
+    assert (answer.status, answer.headers["connection"]) == (400, "close")
+    assert b"framing" in answer.body
+
+
+def test_body_in_ordinary_chunks_is_taken(served: Served) -> None:
+    photo = image_file(Image.effect_noise((400, 400), 50).convert("RGB"))
+    head = CHUNKED.replace(b"/encode", PATH.encode())
+    for size in (MIN_CHUNK_BYTES + 1, 4_096, 65_536):
+        parts = (photo[i : i + size] for i in range(0, len(photo), size))
+        body = b"".join(b"%x;sig=abc\r\n%b\r\n" % (len(part), part) for part in parts)
+        assert ask(served.url, head + body + b"0\r\n\r\n").status in (200, 201)
+    few, rest = photo[: FREE_CHUNKS // 2], photo[FREE_CHUNKS // 2 :]
+    tiny = b"".join(b"1\r\n%c\r\n" % byte for byte in few)
+    assert ask(served.url, head + tiny + b"%x\r\n%b\r\n0\r\n\r\n" % (len(rest), rest)).status == 200
+
+
+@pytest.mark.parametrize("sent", [0, 9], ids=["no byte", "some bytes"])
+@pytest.mark.parametrize("field", [b"Content-Length: 10000", b"Transfer-Encoding: chunked"])
+@pytest.mark.parametrize("path", ["/encode", "/objects", "/compose", "/v2/models/tiny-k2/infer"])
+def test_upload_that_its_client_aborts_is_logged_499(
+    served: Served, folder: Path, path: str, field: bytes, sent: int
+) -> None:
+    begin = len(logged(folder))
+    with connect_to(served.url) as connection:
+        connection.sendall(
+            f"POST {path} HTTP/1.1\r\nHost: x\r\n".encode() + field + b"\r\n\r\n" + b"5\r\nhello\r\n"[:sent]
+        )
+        until(lambda: "hof_http_requests_in_flight 2.0" in httpx.get(f"{served.url}/metrics").text)
+    until(lambda: any(entry["method"] == "POST" for entry in logged(folder)[begin:]))
+    entry = next(entry for entry in logged(folder)[begin:] if entry["method"] == "POST")
+    assert entry["status"] == 499
+
+
+def test_body_with_a_framing_fault_is_logged_400(served: Served, folder: Path) -> None:
+    begin = len(logged(folder))
+    assert ask(served.url, CHUNKED, b"nonsense\r\n").status == 400
+    until(lambda: len(logged(folder)) > begin)
+    assert [entry["status"] for entry in logged(folder)[begin:]] == [400]
+
+
+# --- keys ---------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def keyed(folder: Path, model_path: Path) -> Iterator[tuple[str, str, str]]:
+    """Run a service with keys: its URL, a key that may read, and one that may write."""
+    (folder / "keyed").mkdir()
+    reader, writer = (make_key(scope, frozenset({scope})) for scope in ("read", "write"))
+    (folder / "keyed" / "keys").write_text(f"{reader[1].line}\n{writer[1].line}\n")
+    flags = (f"--api-keys-file={folder / 'keyed' / 'keys'}", "--metrics=key")
+    with hof_serve(folder / "keyed", model_path, *flags) as (url, _):
+        yield url, reader[0], writer[0]
+
+
+def test_trailers_never_become_fields(keyed: tuple[str, str, str]) -> None:
+    url, _, writer = keyed
+    chunked = CHUNKED + b"%x\r\n%b\r\n0\r\n" % (len(PHOTO), PHOTO)
+    for name in ("X-API-Key: ", "Authorization: Bearer "):
+        trailer = f"{name}{writer}\r\n\r\n".encode()
+        for parts in ([chunked + trailer], [CHUNKED, chunked[len(CHUNKED) :] + trailer]):
+            assert ask(url, *parts).status == 401
+    with connect_to(url) as connection:  # nor fields of the next request
+        allowed = chunked.replace(b"Host", f"X-API-Key: {writer}\r\nHost".encode())
+        connection.sendall(allowed + f"X-API-Key: {writer}\r\n\r\n".encode())
+        assert next_answer(connection).status in (200, 201)
+        connection.sendall(b"GET /objects HTTP/1.1\r\nHost: x\r\n\r\n")
+        assert next_answer(connection).status == 401
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        *("/metrics%0A", "/metrics%0a", "/metrics%0D", "/metrics%0A%0A", "/metrics%00", "/metrics%20", "/metrics/"),
+        *("//metrics", "/metrics%2F", "/%2Fmetrics", "/./metrics", "/x/../metrics", "/metrics;a", "/METRICS"),
+        "/metric%73",
+    ],
+)
+def test_path_in_another_spelling_needs_the_same_scope(keyed: tuple[str, str, str], path: str) -> None:
+    url, reader, _ = keyed
+    answer = ask(url, f"GET {path} HTTP/1.1\r\nHost: x\r\nX-API-Key: {reader}\r\n\r\n".encode())
+    assert answer.status in (403, 404)
+    assert b"hof_http" not in answer.body
+
+
+@pytest.mark.parametrize("ending", ["", "%0A", "%0D%0A", "/", "%00"])
+def test_method_that_changes_needs_the_scope_in_every_spelling(keyed: tuple[str, str, str], ending: str) -> None:
+    url, reader, _ = keyed
+    for line in (f"DELETE /objects/{32 * '0'}{ending}", f"POST /encode{ending}", f"POST /compose{ending}"):
+        head = f"{line} HTTP/1.1\r\nHost: x\r\nX-API-Key: {reader}\r\nContent-Length: 0\r\n\r\n"
+        assert ask(url, head.encode()).status == 403
+
+
+def test_key_that_is_given_twice_is_refused(keyed: tuple[str, str, str]) -> None:
+    url, reader, _ = keyed
+    for name in ("X-API-Key: ", "Authorization: Bearer "):
+        fields = f"{name}{reader}\r\n{name}x\r\n"
+        assert ask(url, f"GET /objects HTTP/1.1\r\nHost: x\r\n{fields}\r\n".encode()).status == 401
