@@ -3,16 +3,18 @@
 import asyncio
 import math
 import time
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NoReturn
 
 from service.errors import HofError, Overloaded
 from service.settings import Settings
 
 PACE_WEIGHT: Final = 0.05  # of the latest completion, in the moving average of the pace
 MAX_RETRY_S: Final = 60
+SHARE: Final = 3  # a client may hold this many times the room that is left: three quarters of a gate if it is alone
 
 
 class ClientLeft(Exception):
@@ -21,6 +23,8 @@ class ClientLeft(Exception):
 
 class Gate:
     """Admit work of one kind as long as all admitted work stays within a limit; an empty gate admits any amount.
+
+    A client that is named, by its address, leaves room for others: see SHARE. The more clients, the less each may hold.
 
     For one event loop, not for several threads.
 
@@ -37,25 +41,29 @@ class Gate:
         self._limit = limit
         self._last_left = 0.0  # time.monotonic()
         self._pace_s = 0.0  # seconds for each unit of work while the gate is busy: a moving average
+        self._held_by: Counter[str] = Counter()  # by client
         self.held = 0
         self.finished = self.cancelled = self.failed = self.refused = 0
 
-    def refuse_if_full(self, amount: int = 1) -> None:
-        """Raise Overloaded if this amount of work would not be admitted now."""
-        if self.held and self.held + amount > self._limit:
-            self.refused += 1
-            detail = f"the service works on its limit of {self._limit} {self._unit}"
-            raise Overloaded(detail, retry_after_s=self._drain_s())
+    def refuse_if_full(self, amount: int = 1, client: str | None = None, *, own: int = 0) -> None:
+        """Raise Overloaded if this amount of work would not be admitted now, in place of `own` that is inside."""
+        others = self.held - own
+        if not others:
+            return
+        if others + amount > self._limit:
+            self._refuse(f"the service works on its limit of {self._limit} {self._unit}")
+        if client is not None and self._held_by[client] - own + amount > SHARE * (self._limit - self.held):
+            self._refuse(f"this address has its share of the service's {self._limit} {self._unit}")
 
     @contextmanager
-    def admit(self, amount: int = 1) -> Iterator[None]:
-        """Hold an amount of work, at least 1, until the block ends. Raises Overloaded."""
-        self.refuse_if_full(amount)
+    def admit(self, amount: int = 1, client: str | None = None) -> Iterator["Admitted"]:
+        """Hold an amount of work until the block ends. Raises Overloaded."""
+        admitted = Admitted(self, client)
         if not self.held:
             self._last_left = time.monotonic()
-        self.held += amount
+        admitted.grow_to(amount)
         try:
-            yield
+            yield admitted
         except (asyncio.CancelledError, ClientLeft):
             self.cancelled += 1
             raise
@@ -68,17 +76,54 @@ class Gate:
         else:
             self.finished += 1
         finally:
-            self._release(amount)
+            self._release(admitted)
 
-    def _release(self, amount: int) -> None:
+    def _refuse(self, detail: str) -> NoReturn:
+        self.refused += 1
+        raise Overloaded(detail, retry_after_s=self._drain_s())
+
+    def take(self, amount: int, client: str | None) -> None:
+        """Count an amount of work, without a check. `Admitted` calls this."""
+        self.held += amount
+        if client is not None:
+            self._held_by[client] += amount
+            if not self._held_by[client]:
+                del self._held_by[client]
+
+    def _release(self, admitted: "Admitted") -> None:
         now = time.monotonic()
-        self._pace_s += PACE_WEIGHT * ((now - self._last_left) / amount - self._pace_s)
+        self._pace_s += PACE_WEIGHT * ((now - self._last_left) / max(1, admitted.amount) - self._pace_s)
         self._last_left = now
-        self.held -= amount
+        self.take(-admitted.amount, admitted.client)
 
     def _drain_s(self) -> int:
         """Estimate seconds until current work drains, from the recent completion rate."""
         return min(max(1, math.ceil(self.held * self._pace_s)), MAX_RETRY_S)
+
+
+class Admitted:
+    """Work of one request inside a gate.
+
+    Attributes
+    ----------
+    amount : the work, in the unit of the gate.
+    client : address of the client; None for work without one.
+    """
+
+    def __init__(self, gate: Gate, client: str | None) -> None:
+        self._gate = gate
+        self.client: Final = client
+        self.amount = 0
+
+    def check(self, amount: int) -> None:
+        """Raise Overloaded if `grow_to` would do so now."""
+        self._gate.refuse_if_full(amount, self.client, own=self.amount)
+
+    def grow_to(self, amount: int) -> None:
+        """Hold a larger amount. Raises Overloaded; what it held so far it holds then, too."""
+        self.check(amount)
+        self._gate.take(amount - self.amount, self.client)
+        self.amount = amount
 
 
 @dataclass(frozen=True)
@@ -88,7 +133,7 @@ class Gates:
     images : images being received, queued or encoded.
     points : points being computed or sent, weighted by the size of their function; a stream counts its in-flight
         points only.
-    uploads : bytes of request bodies.
+    uploads : bytes of request bodies that have arrived.
     """
 
     images: Gate

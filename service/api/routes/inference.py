@@ -9,6 +9,7 @@ from starlette.responses import Response
 
 from service import __version__
 from service.api.admission import needs_gate
+from service.api.context import client_of
 from service.api.dependencies import ReadyRuntime
 from service.api.inference_protocol import (
     EXTENSION,
@@ -29,7 +30,7 @@ from service.api.queries import NoQuery
 from service.api.responses import BINARY, BODY_STALLED, OVERLOADED, Problem, Responses
 from service.api.routes.health import check_ready
 from service.api.wire.disconnects import while_connected
-from service.api.wire.uploads import expected_size, read_body
+from service.api.wire.uploads import read_body
 from service.encoding.encoder import Encoder
 from service.errors import InvalidParameter, NotFound, UnsupportedMedia
 from service.mapping.spec import Array, Functions
@@ -125,11 +126,12 @@ async def infer(request: Request, query: NoParameters, encoder: NamedEncoder, ru
     if "content-encoding" in request.headers:
         raise UnsupportedMedia("the body must not be compressed", field="Content-Encoding")
     gates, max_bytes = runtime.gates, max_body_bytes(encoder)
-    with gates.uploads.admit(expected_size(request, max_bytes)):
-        body = await read_body(request, max_bytes)
+    client = client_of(request.scope)
+    with gates.uploads.admit(0, client) as upload:
+        body = await read_body(request, max_bytes, upload)
         work = runtime.run(parse, body, request.headers.get(HEADER_LENGTH), encoder)
         inference, images = await while_connected(request, work)
-        with gates.images.admit(len(images)):
+        with gates.images.admit(len(images), client):
             functions = await while_connected(request, _encode_each(runtime.batchers[encoder.name], images))
         content, headers = await while_connected(request, runtime.run(answer, encoder, inference, functions))
     return Response(content, headers=headers)

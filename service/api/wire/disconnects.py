@@ -9,6 +9,7 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import StreamingResponse
 from starlette.types import Receive, Scope, Send
 
+from service.api.context import client_of
 from service.runtime.admission import ClientLeft, Gate
 
 R = TypeVar("R")
@@ -61,7 +62,7 @@ class AdmittedStream(StreamingResponse):
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Send the answer, within the gate."""
-        with suppress(ClientLeft), self._gate.admit(self._amount):
+        with suppress(ClientLeft), self._gate.admit(self._amount, client_of(scope)):
             with suppress(ClientDisconnect):
                 await super().__call__(scope, receive, send)
             if not self._is_complete:

@@ -7,53 +7,56 @@ from python_multipart.multipart import Field, File, FormParser, parse_options_he
 from starlette.requests import ClientDisconnect, Request
 
 from service.errors import InvalidInput, InvalidParameter, TooLarge
-from service.runtime.admission import ClientLeft
+from service.runtime.admission import Admitted, ClientLeft
 
 FORM_OVERHEAD_BYTES: Final = 16_384  # boundaries and headers of a one-field form
 
 
-def expected_size(request: Request, max_bytes: int) -> int:
-    """Return the bytes to reserve for a body, at least 1: its Content-Length, or the limit if it declares none."""
-    declared = request.headers.get("content-length", "")
-    return max(1, min(int(declared), max_bytes)) if declared.isdecimal() else max_bytes
-
-
-async def read_body(request: Request, max_bytes: int) -> bytes:
-    """Return the whole body.
+async def read_body(request: Request, max_bytes: int, admitted: Admitted | None = None) -> bytes:
+    """Return the whole body. Its bytes count in the gate of `admitted` as they arrive, not as they are declared.
 
     Raises
     ------
     TooLarge : the body exceeds `max_bytes`; raised as early as possible.
+    Overloaded : the gate of `admitted` is full, or has no room for the declared length.
     ClientLeft : the client disconnected before the end of the body.
     """
     declared = request.headers.get("content-length", "")
-    if declared.isdecimal() and int(declared) > max_bytes:
+    size = int(declared) if declared.isdecimal() else 1
+    if size > max_bytes:
         raise TooLarge(f"the body has {declared} bytes, the limit is {max_bytes}")
+    if admitted is not None:
+        admitted.check(size)
     body = bytearray()
     try:
         async for chunk in request.stream():
             if len(body) + len(chunk) > max_bytes:
                 raise TooLarge(f"the body has more than {max_bytes} bytes, the limit")
             body += chunk
+            if admitted is not None:
+                admitted.grow_to(len(body))
     except ClientDisconnect as error:
         raise ClientLeft from error
     return bytes(body)
 
 
-async def read_image(request: Request, max_bytes: int) -> bytes:
+async def read_image(request: Request, max_bytes: int, admitted: Admitted) -> bytes:
     """Return the image of a request: the field `image` of a form, or the raw body of any other content type.
+
+    Its bytes count in the gate of `admitted` as they arrive.
 
     Raises
     ------
     TooLarge : the image exceeds `max_bytes`.
+    Overloaded : the gate is full.
     InvalidInput : the form is malformed.
     InvalidParameter : the form has other fields than one `image`.
     ClientLeft : the client disconnected before the end of the body.
     """
     content_type, options = parse_options_header(request.headers.get("content-type"))
     if content_type != b"multipart/form-data":
-        return await read_body(request, max_bytes)
-    body = await read_body(request, max_bytes + FORM_OVERHEAD_BYTES)
+        return await read_body(request, max_bytes, admitted)
+    body = await read_body(request, max_bytes + FORM_OVERHEAD_BYTES, admitted)
     image = form_image(body, options.get(b"boundary", b""))
     if len(image) > max_bytes:
         raise TooLarge(f"the image has {len(image)} bytes, the limit is {max_bytes}", field="image")

@@ -209,18 +209,18 @@ def test_store_locked_by_another_process_answers_429_until_released(
 
 @pytest.mark.filterwarnings("ignore")  # connections that are reset, in the server's thread
 def test_uploads_over_the_byte_limit_are_refused_until_bytes_are_released(settings: Settings) -> None:
-    with running(settings.model_copy(update={"max_upload_bytes": 250_000})) as server, ExitStack() as stack:
+    with running(settings.model_copy(update={"max_upload_bytes": 400_000})) as server, ExitStack() as stack:
         gates = runtime_of(server).gates
         url = f"http://127.0.0.1:{server.port}{PATH}"
-        declared, chunked = b"Content-Length: 100000", b"Transfer-Encoding: chunked"  # of unknown length: the most
-        for header, held in ((declared, 100_000), (declared, 200_000)):
+        for field, held in ((b"Content-Length: 130000", 120_000), (b"Transfer-Encoding: chunked", 240_000)):
             connection = stack.enter_context(socket.create_connection(("127.0.0.1", server.port)))
             connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-            connection.sendall(b"POST /encode HTTP/1.1\r\nHost: x\r\n" + header + b"\r\n\r\nabc")
+            size = b"" if b"Length" in field else b"1d4c1\r\n"  # 120,001
+            connection.sendall(b"POST /encode HTTP/1.1\r\nHost: x\r\n" + field + b"\r\n\r\n" + size + 1190_000 * b"a")
             until(lambda held=held: gates.uploads.held == held)  # type: ignore[misc]
         assert httpx.post(url, content=plain(255)).status_code == 201
-        assert httpx.post(url, content=iter([plain(255)])).status_code == 429
-        assert chunked
+        assert httpx.post(url, content=190_000 * b"a").status_code == 429
+        assert httpx.post(url, content=iter([190_000 * b"a"])).status_code == 429
         stack.close()
         until(lambda: gates.uploads.held == 0 and gates.images.held == 0)
         assert gates.uploads.cancelled == 2

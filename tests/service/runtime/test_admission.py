@@ -1,5 +1,5 @@
 import asyncio
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 
 import pytest
 
@@ -55,3 +55,50 @@ def test_gate_retry_time_grows_with_the_queue_up_to_a_minute(monkeypatch: pytest
         with gate.admit():
             now += 2
     assert retry_after(1) == 2
+
+
+def test_gate_leaves_room_for_clients_that_hold_less() -> None:
+    gate = Gate("images", 128)
+    counts = dict.fromkeys("abc", 0)
+    with ExitStack() as stack:
+        for client in counts:
+            with suppress(Overloaded):
+                while True:
+                    stack.enter_context(gate.admit(client=client))
+                    counts[client] += 1
+            with pytest.raises(Overloaded, match="share of the service's 128 images"), gate.admit(client=client):
+                pass
+        assert counts == {"a": 96, "b": 24, "c": 6}
+        stack.enter_context(gate.admit(2))  # work without a client takes what is left
+        with pytest.raises(Overloaded, match="limit of 128 images"), gate.admit(client="e"):
+            pass
+    assert gate.held == 0
+    with ExitStack() as stack:  # nothing of a client that has left is remembered
+        for _ in range(96):
+            stack.enter_context(gate.admit(client="a"))
+
+
+@pytest.mark.parametrize("limit", [1, 2, 3])
+def test_gate_that_is_small_is_one_client_s_alone(limit: int) -> None:
+    gate = Gate("images", limit)
+    with ExitStack() as stack:
+        for _ in range(limit):
+            stack.enter_context(gate.admit(client="a"))
+        with pytest.raises(Overloaded, match=f"limit of {limit} images"), gate.admit(client="a"):
+            pass
+
+
+def test_admitted_work_grows_up_to_the_limit_and_alone_over_it() -> None:
+    gate = Gate("bytes", 100)
+    with gate.admit(0, "a") as first:
+        first.grow_to(150)
+        with pytest.raises(Overloaded), gate.admit(0, "b"):
+            pass
+    with gate.admit(0, "a") as first, gate.admit(0, "b") as second:
+        first.grow_to(60)
+        second.grow_to(40)
+        for admitted in (first, second):
+            with pytest.raises(Overloaded):
+                admitted.grow_to(61)
+        assert gate.held == 100
+    assert gate.held == 0
