@@ -3,6 +3,7 @@
 Defaults, limits and help live here and nowhere else; `service.cli` makes the flags from the fields.
 """
 
+import ipaddress
 import math
 import os
 import sys
@@ -22,6 +23,8 @@ SHIPPED_MODEL: Final = Path(__file__).resolve().parent.parent / "model" / "weigh
 POINTS_CEILING: Final = 10_000_000  # the API's limit; `max_points` may only lower it
 POINTS_PER_CPU: Final = 4_000_000  # in flight: about one second of work
 MIB: Final = 2**20
+HOST_NAME: Final = r"(\*|[A-Za-z0-9._-]+)"
+PREFIX: Final = r"^(/[A-Za-z0-9._~-]+)+$"
 ORIGIN: Final = r"(\*|https?://[^/,\s*]+)"  # as browsers send it: no path, no trailing slash
 
 
@@ -142,6 +145,24 @@ class Settings(BaseSettings):
         pattern=rf"^{ORIGIN}(,{ORIGIN})*$",
         description="origins whose pages may call the service, separated by commas, for example `https://shop.example`",
     )
+    allowed_hosts: str | None = Field(
+        default=None,
+        pattern=rf"^{HOST_NAME}(,{HOST_NAME})*$",
+        description="public host names by which browsers reach a service without keys, separated by commas; `*` for "
+        "any; addresses, `localhost`, names without a dot and private names (`.local`, `.internal`, `.svc`, "
+        "`.home.arpa`) are always allowed",
+    )
+    trusted_proxies: str | None = Field(
+        default=None,
+        description="addresses or networks of proxies whose `X-Forwarded-For` and `X-Forwarded-Proto` are believed, "
+        "separated by commas, for example `10.0.0.0/8`",
+    )
+    root_path: str | None = Field(
+        default=None,
+        pattern=PREFIX,
+        description="path under which a proxy offers this service and which it removes, for example `/hof`; links and "
+        "`Location` then begin with it",
+    )
     log_level: Literal["critical", "error", "warning", "info", "debug"] = Field(
         default="info", description="lowest level that is logged"
     )
@@ -149,6 +170,16 @@ class Settings(BaseSettings):
         default_factory=default_log_format,
         description="`json` or `text`, one line per event on stderr; default: `text` on a terminal, else `json`",
     )
+
+    @field_validator("trusted_proxies")
+    @classmethod
+    def _are_networks(cls, text: str | None) -> str | None:
+        for part in [] if text is None else text.split(","):
+            try:
+                ipaddress.ip_network(part.strip())
+            except ValueError as error:
+                raise ValueError(f"{part.strip()!r} is no address or network; example: 10.0.0.0/8") from error
+        return text
 
     @field_validator("rate_limit")
     @classmethod

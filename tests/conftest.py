@@ -24,7 +24,7 @@ pytest_plugins = ["tests.support.browsing"]
 TIERS: Final = {
     "browser": {"browser", "page"},
     "system": {
-        *("postgres", "u2net_home"),
+        *("postgres", "u2net_home", "behind_nginx"),
         *("check_valid", "gltf_report"),  # Node and the Khronos validator
         *("build", "render", "shoot", "sheets"),  # OpenGL
     },

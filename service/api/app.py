@@ -16,6 +16,7 @@ from service import __version__
 from service.api import problems
 from service.api.admission import declared_gates
 from service.api.middleware.access import Access
+from service.api.middleware.foreign_pages import RefuseForeignPages
 from service.api.middleware.head import HeadAsGet
 from service.api.middleware.observe import Observe, Templates
 from service.api.middleware.query import RefuseRepeatedParameters
@@ -112,6 +113,8 @@ class Service(FastAPI):
         settings: Settings = self.state.settings
         gates = declared_gates((route for router in ROUTERS for route in router.routes), self.state.gates)
         layers: ASGIApp = Access(super().build_middleware_stack(), settings, gates)
+        if settings.api_keys_file is None:
+            layers = RefuseForeignPages(layers, settings)
         if settings.cors_origins:
             layers = with_cors(layers, settings.cors_origins.split(","))
         templates = [*self.openapi()["paths"], *(route.path for route in self.routes if isinstance(route, Route))]

@@ -13,7 +13,9 @@ SECURITY_SCHEMES: Final = {
 }
 REFUSALS: Final = {
     "401": "The service has API keys, and the request has no valid one",
-    "403": "The key lacks the scope: `read` for GET and HEAD, `metrics` for /metrics, otherwise `write`",
+    "403": "The key lacks the scope: `read` for GET and HEAD, `metrics` for /metrics, otherwise `write`. Without keys: "
+    "a page of another site may not change this service",
+    "421": "The service has no keys and does not answer for this host name",
     "429": "Too many requests; `Retry-After` says when to try again",
 }
 

@@ -83,9 +83,9 @@ class StoredObject(BaseModel):
     links: Links
 
     @classmethod
-    def of(cls, record: Record) -> "StoredObject":
-        """Return the JSON form of a record."""
-        return cls(**_object_fields(record))
+    def of(cls, record: Record, root_path: str | None) -> "StoredObject":
+        """Return the JSON form of a record; its links begin with `root_path`, as a proxy offers them."""
+        return cls(**_object_fields(record, root_path))
 
 
 class ComposedObjects(BaseModel):
@@ -133,10 +133,12 @@ class EncodedObject(StoredObject):
     color_weights: ColorWeights64 = None
 
     @classmethod
-    def of_image(cls, record: Record, framed: Framed, functions: Functions | None) -> "EncodedObject":
+    def of_image(
+        cls, record: Record, framed: Framed, functions: Functions | None, root_path: str | None = None
+    ) -> "EncodedObject":
         """Return the JSON form of a record, for the client that sent its image."""
         weights = _weights_fields(functions) if functions else {}
-        return cls(**_object_fields(record), image=ImageReport.of(framed), **weights)
+        return cls(**_object_fields(record, root_path), image=ImageReport.of(framed), **weights)
 
 
 class EncodedWeights(BaseModel):
@@ -252,8 +254,8 @@ OVERLOADED: Final[dict[str, Any]] = {
 }
 
 
-def _object_fields(record: Record) -> dict[str, Any]:
-    path = f"/objects/{record.id}"
+def _object_fields(record: Record, root_path: str | None) -> dict[str, Any]:
+    path = f"{root_path or ''}/objects/{record.id}"
     composed = record.kind == "composed"
     return {
         "id": record.id,

@@ -42,6 +42,8 @@ class Config(uvicorn.Config):
             http=http_protocol(settings.client_timeout_s),
             ws="none",
             log_config=logs.configuration(settings.log_format, settings.log_level),
+            proxy_headers=settings.trusted_proxies is not None,  # else uvicorn believes everyone on this machine
+            forwarded_allow_ips=settings.trusted_proxies,
             access_log=False,  # service.api.middleware.observe writes one
             timeout_worker_healthcheck=WORKER_START_S,
             timeout_graceful_shutdown=settings.shutdown_s,

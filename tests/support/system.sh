@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # What the tests need beyond Python: Node for the Khronos glTF validator and for npm's packages, Chromium for the page,
 # OpenGL without a screen for the renderer and for MeshLab, curl for the README's lines, PostgreSQL and PgBouncer for
-# the store. Installs Debian's packages where the user is root; else names the command that does.
+# the store, nginx as a proxy. Installs Debian's packages where the user is root; else names the command that does.
 set -euo pipefail
 
 missing=()
@@ -9,7 +9,9 @@ for tool in node npm curl chromium; do
     command -v "$tool" >/dev/null || missing+=("${tool/node/nodejs}")
 done
 compgen -G '/usr/lib/postgresql/*/bin/initdb' >/dev/null || command -v initdb >/dev/null || missing+=(postgresql)
-PATH="$PATH:/usr/sbin" command -v pgbouncer >/dev/null || missing+=(pgbouncer)
+for tool in pgbouncer nginx; do
+    PATH="$PATH:/usr/sbin" command -v "$tool" >/dev/null || missing+=("$tool")
+done
 if [ "$(uname)" = Linux ]; then
     libraries=$(PATH="$PATH:/sbin:/usr/sbin" ldconfig -p)
     while read -r library package; do

@@ -72,7 +72,7 @@ async def compose(
     records, any_new = await _keep(request, runtime, proposals, cost)
     if any_new:
         response.status_code = 201
-    objects = [StoredObject.of(record) for record in records]
+    objects = [StoredObject.of(record, runtime.settings.root_path) for record in records]
     if composition.mode == "all":
         return ComposedObjects(objects=objects)
     if any_new:

@@ -11,6 +11,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from service.api.admission import needs_gate
+from service.api.context import client_of
 from service.api.dependencies import ReadyRuntime
 from service.api.queries import EncodeQuery
 from service.api.responses import (
@@ -25,7 +26,7 @@ from service.api.responses import (
     Responses,
 )
 from service.api.wire.disconnects import while_connected
-from service.api.wire.uploads import expected_size, read_image
+from service.api.wire.uploads import read_image
 from service.encoding.encoder import Encoder
 from service.encoding.framing import Framed, preprocess
 from service.mapping.spec import Functions
@@ -92,8 +93,9 @@ async def encode(
     if query.foreground_ratio is not None:
         framing = replace(framing, foreground_ratio=query.foreground_ratio)
     max_bytes, max_pixels = settings.max_image_bytes, settings.max_image_pixels
-    with gates.images.admit(), gates.uploads.admit(expected_size(request, max_bytes)):
-        image = await read_image(request, max_bytes)
+    client = client_of(request.scope)
+    with gates.images.admit(client=client), gates.uploads.admit(0, client) as upload:
+        image = await read_image(request, max_bytes, upload)
         frame = partial(runtime.run, preprocess, image, framing, query.background, max_pixels, runtime.matting)
         if not query.store:
             framed, functions = await while_connected(request, _encode(frame, runtime.batchers[encoder.name]))
@@ -101,10 +103,12 @@ async def encode(
         work = _look_up_or_encode(frame, runtime, encoder, image, framing.foreground_ratio)
         framed, record, functions, is_stored = await while_connected(request, work)
         record, is_new = (record, False) if is_stored else await runtime.store.put(record, functions)
+    kept = functions if query.include == "weights" else None
+    answer = EncodedObject.of_image(record, framed, kept, settings.root_path)
     if is_new:
         response.status_code = 201
-        response.headers["Location"] = f"/objects/{record.id}"
-    return EncodedObject.of_image(record, framed, functions if query.include == "weights" else None)
+        response.headers["Location"] = answer.links.self_
+    return answer
 
 
 async def _encode(frame: Frame, batcher: Batcher) -> tuple[Framed, Functions]:

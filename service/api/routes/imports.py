@@ -8,6 +8,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from service.api.admission import needs_gate
+from service.api.context import client_of
 from service.api.dependencies import ReadyRuntime
 from service.api.queries import NoQuery
 from service.api.responses import (
@@ -21,7 +22,7 @@ from service.api.responses import (
     StoredObject,
 )
 from service.api.wire.disconnects import while_connected
-from service.api.wire.uploads import expected_size, read_body
+from service.api.wire.uploads import read_body
 from service.errors import InvalidParameter
 from service.formats.weights import Weights, load
 from service.mapping.cloud import PROBE_POINTS, check_finite
@@ -62,17 +63,18 @@ async def import_object(
     compose them.
     """
     gates, max_bytes = runtime.gates, runtime.settings.max_weights_bytes
-    with gates.uploads.admit(expected_size(request, max_bytes)):
-        body = await read_body(request, max_bytes)
+    with gates.uploads.admit(0, client_of(request.scope)) as upload:
+        body = await read_body(request, max_bytes, upload)
         weights = await while_connected(request, runtime.run(_load_one_function, body))
         spec, functions = weights.spec, weights.functions
         with gates.points.admit(PROBE_POINTS * cost_of(spec, functions)):
             await while_connected(request, runtime.run(check_finite, spec, functions))
         record, is_new = await runtime.store.put(_record(weights), functions)
+    answer = StoredObject.of(record, runtime.settings.root_path)
     if is_new:
         response.status_code = 201
-        response.headers["Location"] = f"/objects/{record.id}"
-    return StoredObject.of(record)
+        response.headers["Location"] = answer.links.self_
+    return answer
 
 
 def _load_one_function(body: bytes) -> Weights:

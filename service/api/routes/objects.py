@@ -15,13 +15,14 @@ router = APIRouter(prefix="/objects", tags=["objects"])
 async def page_of_objects(query: Annotated[PageQuery, Query()], runtime: ReadyRuntime) -> ObjectPage:
     """List the stored objects, newest first. Objects that are added meanwhile do not shift the pages."""
     records, cursor = await runtime.store.page(query.limit, query.cursor)
-    return ObjectPage(items=[StoredObject.of(record) for record in records], next=cursor, limit=query.limit)
+    items = [StoredObject.of(record, runtime.settings.root_path) for record in records]
+    return ObjectPage(items=items, next=cursor, limit=query.limit)
 
 
 @router.get("/{id}", responses=OBJECT_NOT_FOUND)
 async def one_object(id_: ObjectId, query: Annotated[NoQuery, Query()], runtime: ReadyRuntime) -> StoredObject:
     """Return one object."""
-    return StoredObject.of(await runtime.store.record(id_))
+    return StoredObject.of(await runtime.store.record(id_), runtime.settings.root_path)
 
 
 @router.delete(

@@ -65,14 +65,19 @@ def test_static_path_outside_the_page_is_404(client: httpx.Client) -> None:
     assert client.post("/").status_code == client.post("/viewer/js/main.js").status_code == 405
 
 
-def test_static_files_refer_only_to_existing_files(client: httpx.Client) -> None:
+def test_static_files_refer_only_to_existing_files_by_relative_addresses(client: httpx.Client) -> None:
     for path in OWN_FILES:
         text = path.read_text("utf-8")
-        absolute = ["".join(pair) for pair in re.findall(r'(?:src|href)="(/[^"]+)"|"(/viewer/[^"]+)"', text)]
-        folder = path.parent.relative_to(viewer.STATIC).as_posix()
-        relative = [f"/viewer/{folder}/{name}" for name in re.findall(r'from "\./([^"]+)"', text)]
-        for name in absolute + relative:
-            assert client.get(name).status_code == 200, (path.name, name)
+        folder = "" if path.suffix == ".html" else f"/viewer/{path.parent.relative_to(viewer.STATIC).as_posix()}"
+        names = [
+            "".join(groups)
+            for groups in re.findall(r'(?:src|href|data-schema)="([^"#]+)"|"\./(viewer/[^"]+)"|from "\./([^"]+)"', text)
+        ]
+        assert names or path.suffix != ".html", path.name
+        for name in names:
+            assert not name.startswith("/"), (path.name, name)  # a proxy may offer the page under a prefix
+            assert client.get(f"{folder}/{name}").status_code == 200, (path.name, name)
+        assert not re.search(r"""["'`]/(viewer|objects|encode|compose|models|docs|openapi)""", text), path.name
         assert not re.search(r"https?://(?!www\.w3\.org/2000/svg)", text), path.name
 
 

@@ -1,4 +1,5 @@
-// Calls to the service. A failed call throws a Problem with the title and detail that the service sent.
+// Calls to the service. A failed call throws a Problem with the title and detail that the service sent. Paths are
+// relative to the page, so that it works under the prefix of a proxy.
 
 import { askForKey, authorization } from "./key.js";
 
@@ -33,12 +34,12 @@ async function call(path, options = {}) {
 
 /** Fetch the loaded models, the default one first. */
 export async function listModels() {
-  return (await (await call("/models")).json()).models;
+  return (await (await call("models")).json()).models;
 }
 
 /** The path that encodes a photo; an empty model means the default one. */
 export function encodePath(model) {
-  return model ? `/encode?${new URLSearchParams({ model })}` : "/encode";
+  return model ? `encode?${new URLSearchParams({ model })}` : "encode";
 }
 
 /** Encode a photo (File) and return the stored object. */
@@ -51,7 +52,7 @@ export async function encode(photo, model) {
 /** Fetch a page of the stored objects, newest first: {items, next}. */
 export async function listObjects(cursor, limit) {
   const query = new URLSearchParams(cursor ? { limit, cursor } : { limit });
-  return (await call(`/objects?${query}`)).json();
+  return (await call(`objects?${query}`)).json();
 }
 
 /** The request body for all words over two objects. */
@@ -62,7 +63,7 @@ export function allWords(first, second) {
 /** Post a body of `allWords`; return the words' objects in lexicographic order. */
 export async function compose(body) {
   const headers = { "Content-Type": "application/json" };
-  return (await (await call("/compose", { method: "POST", headers, body })).json()).objects;
+  return (await (await call("compose", { method: "POST", headers, body })).json()).objects;
 }
 
 /** Fetch a file of the service: {blob, name}. */
@@ -79,7 +80,7 @@ export async function fetchBytes(path, signal) {
 
 /** The path of an object's file; `of` is `points`, `mesh` or `weights`. */
 export function filePath(object, of, query) {
-  return `${object.links[of]}?${new URLSearchParams(query)}`;
+  return `objects/${object.id}/${of}?${new URLSearchParams(query)}`;
 }
 
 /** Bytes of one point of the object in a stream. */

@@ -4,7 +4,7 @@ import { curlAuthorization } from "./key.js";
 
 /** Show a curl line in a `.curl` element: options `before`, then the address of `path`. */
 export function showCurl(element, before, path) {
-  const address = `${location.origin}${path}`;
+  const address = new URL(path, document.baseURI).href;
   const quoted = /[?&]/.test(address) ? `"${address}"` : address;
   const code = document.createElement("code");
   code.textContent = ["curl", curlAuthorization(), before, quoted].filter(Boolean).join(" ");

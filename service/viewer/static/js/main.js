@@ -21,7 +21,7 @@ function open(object) {
 function composeTwo(first, second) {
   return attempt(async () => {
     const body = allWords(first, second);
-    showCurl(galleryLine, `-H "Content-Type: application/json" -d '${body}'`, "/compose");
+    showCurl(galleryLine, `-H "Content-Type: application/json" -d '${body}'`, "compose");
     const objects = await compose(body);
     const letters = { [first.id]: "A", [second.id]: "B" };
     const labels = objects.map((object) => object.word.map((id) => letters[id]).join(""));
@@ -43,7 +43,7 @@ onEncoded(async (object) => {
   await reloadGallery();
   show(object);
 });
-showCurl(galleryLine, "", "/objects");
+showCurl(galleryLine, "", "objects");
 attempt(showModels);
 attempt(async () => {
   const newest = await reloadGallery();
