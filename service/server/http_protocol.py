@@ -216,7 +216,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
             lines = b"".join(b"%b: %b\r\n" % field for field in headers.raw)
             self.transport.write(STATUS_LINE[error.status] + lines + b"\r\n" + bytes(answer.body))
             if is_in_request:
-                note_refusal(cycle.scope, error.status)
+                note_refusal(cast(Scope, cycle.scope), error.status)
         if is_in_request:
             cycle.disconnected = True  # so that the call sends nothing more, and ends
             cycle.message_event.set()

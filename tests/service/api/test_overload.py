@@ -216,7 +216,7 @@ def test_uploads_over_the_byte_limit_are_refused_until_bytes_are_released(settin
             connection = stack.enter_context(socket.create_connection(("127.0.0.1", server.port)))
             connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
             size = b"" if b"Length" in field else b"1d4c1\r\n"  # 120,001
-            connection.sendall(b"POST /encode HTTP/1.1\r\nHost: x\r\n" + field + b"\r\n\r\n" + size + 1190_000 * b"a")
+            connection.sendall(b"POST /encode HTTP/1.1\r\nHost: x\r\n" + field + b"\r\n\r\n" + size + 120_000 * b"a")
             until(lambda held=held: gates.uploads.held == held)  # type: ignore[misc]
         assert httpx.post(url, content=plain(255)).status_code == 201
         assert httpx.post(url, content=190_000 * b"a").status_code == 429
