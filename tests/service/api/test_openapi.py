@@ -113,4 +113,4 @@ def test_schema_describes_every_parameter_without_null(operations: dict[str, dic
 def test_docs_page_shows_the_schema(client: httpx.Client) -> None:
     answer = client.get("/docs")
     assert answer.headers["content-type"].startswith("text/html")
-    assert "/openapi.json" in answer.text
+    assert 'data-schema="openapi.json"' in answer.text
