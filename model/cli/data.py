@@ -22,7 +22,7 @@ def add_stages(data: "argparse._SubParsersAction[argparse.ArgumentParser]") -> N
     build.set_defaults(run=_build)
     build.add_argument("--out", type=Path, default=DATA, help="folder of the data set")
     build.add_argument("--sh3f", type=Path, help="folder of .sh3f files, or the .deb; default: download")
-    build.add_argument("--meshes", type=Path, help="folder of OBJ, GLB, PLY, STL or OFF files instead of Sweet Home 3D")
+    build.add_argument("--meshes", type=Path, help="folder of meshes (OBJ, GLB, glTF, PLY, STL, OFF) to use instead")
     build.add_argument("--license", "--licence", default="unknown", help="license of --meshes, for the manifest")
     build.add_argument("--up", choices=AXES, default="y", help="axis that points up in --meshes; default: y")
     build.add_argument(

@@ -147,7 +147,7 @@ def turn(up: Axis, front: Axis | None = None) -> tuple[float, ...]:
     right = np.cross(upward, toward)
     if not right.any():
         raise ValueError(f"up {up!r} and front {front!r} lie on one line: choose another front")
-    return tuple(np.concatenate([right, upward, toward]).tolist())
+    return tuple((np.concatenate([right, upward, toward]) + 0.0).tolist())  # no -0.0
 
 
 def _axis(name: str) -> npt.NDArray[np.float64]:

@@ -15,6 +15,8 @@ from model import cli
 from model.data.manifest import Manifest
 from tests.support.small import meshes as small
 
+pytestmark = pytest.mark.system  # OpenGL
+
 LONG: Final = "long" * 60  # 240 bytes; with the folders' names more than a file name may have
 LATIN: Final = b"caf\xe9.ply"  # no UTF-8
 TEXTURES: Final = {

@@ -15,6 +15,8 @@ from model.data.variants import vary
 from tests.support.small.meshes import box
 from tests.support.small.shapes import write_folder
 
+pytestmark = pytest.mark.system  # OpenGL
+
 
 def run(*arguments: str | Path) -> int:
     return cli.main(["data", *map(str, arguments)])

@@ -63,7 +63,8 @@ def check_extensions(header: Json) -> None:
             needed |= set(primitive.get("extensions", ()))
     unread = sorted(name for name in needed if not _is_read(name))
     if unread:
-        raise ValueError(f"the file needs {', '.join(unread)}, which is not read: export it without that extension")
+        install = " or install DracoPy" if unread == [DRACO] else ""
+        raise ValueError(f"the file needs {', '.join(unread)}, which is not read: export it without{install}")
 
 
 def _is_read(extension: str) -> bool:

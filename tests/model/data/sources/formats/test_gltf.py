@@ -1,5 +1,6 @@
 """Base colors of glTF: texture, factor and vertex colors multiplied, and the texture's placement."""
 
+import importlib.util
 from pathlib import Path
 from typing import Any
 
@@ -82,3 +83,12 @@ def test_read_gltf_alpha_counts_where_it_blends(tmp_path: Path, mode: str, opaci
     material = {"alphaMode": mode, "pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1, 0.2]}}
     write_gltf(tmp_path / "box.gltf", 0, material=material)
     assert material_color(load(tmp_path / "box.gltf")[0])[1] == pytest.approx(opacity)
+
+
+def test_read_gltf_draco_without_decoder_names_extension_and_remedy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    write_gltf(tmp_path / "box.gltf", 0, extensionsRequired=["KHR_draco_mesh_compression"])
+    with pytest.raises(ValueError, match=r"needs KHR_draco_mesh_compression, .* export it without or install DracoPy"):
+        load(tmp_path / "box.gltf")
