@@ -2,7 +2,8 @@
 
 On SIGTERM uvicorn closes its socket at once, while load balancers still send. This server first answers
 `/health/ready` with 503 and goes on serving for `drain_s`. Then it accepts the connections that wait in the kernel,
-closes the socket, and ends when the calls in progress have ended. SIGINT, or a second SIGTERM, skips the wait.
+closes the socket, and ends when the calls in progress have ended. SIGINT, or a second SIGTERM, skips the wait. One of
+several workers that is replaced retires instead: it stays ready, and its calls may take as long as they need.
 """
 
 import asyncio
@@ -59,6 +60,7 @@ class Server(uvicorn.Server):
     def __init__(self, config: Config) -> None:
         super().__init__(config)
         self._drained_at: float | None = None  # time.monotonic() at which draining ends
+        self._retires = False
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Open the models and the store, listen, and exclude what exists by then from garbage collection."""
@@ -67,17 +69,32 @@ class Server(uvicorn.Server):
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """Handle a signal: the first SIGTERM starts to drain, any other signal ends the server."""
-        if sig != signal.SIGTERM or not self.started or self._drained_at is not None:
+        if not self.started:  # it may be waiting for its database, and has nothing to lose
+            signal.signal(sig, signal.SIG_DFL)
+            signal.raise_signal(sig)
+        if sig != signal.SIGTERM or self._drained_at is not None:
             super().handle_exit(sig, frame)
             return
-        self._drained_at = time.monotonic() + self.config.drain_s
         self.lifespan.state["draining"] = True
+        self._drain()
+
+    def retire(self) -> None:
+        """Leave new connections to the other workers, and end once no call is in progress."""
+        if self._drained_at is None:
+            self._retires = True
+            self._drain()
+
+    def _drain(self) -> None:
+        self._drained_at = time.monotonic() + self.config.drain_s
         self.config.encoded_headers.append(CLOSE)  # uvicorn rebuilds its default headers from these every second
         self.server_state.default_headers = [*self.server_state.default_headers, CLOSE]
 
     async def on_tick(self, counter: int) -> bool:
         """Return whether to stop; uvicorn calls this ten times a second."""
-        if self._drained_at is not None and time.monotonic() >= self._drained_at and not self.should_exit:
+        if self._retires:
+            await self._accept_the_rest()
+        is_drained = self._drained_at is not None and time.monotonic() >= self._drained_at
+        if is_drained and not self.should_exit and not (self._retires and self.server_state.tasks):
             super().handle_exit(signal.SIGTERM, None)
         return await super().on_tick(counter)
 
@@ -85,14 +102,19 @@ class Server(uvicorn.Server):
         """Close the socket, read the requests of the connections accepted until then, and stop as uvicorn does.
 
         Uvicorn alone also closes connections whose request it has not read yet. `python -m benchmarks.load.run --parts
-        faults` counts the calls that break. A socket that workers share is not emptied: the other workers serve it.
+        faults` counts the calls that break.
         """
-        if sockets is None:
-            loop = asyncio.get_running_loop()
-            for connection in self._close_listeners():
-                await loop.connect_accepted_socket(self._protocol, connection)
-            await asyncio.sleep(SETTLE_S)
-        await super().shutdown(sockets)
+        await self._accept_the_rest()
+        for listener in sockets or []:  # shared by workers: the last one to close it ends the queue
+            listener.close()
+        await asyncio.sleep(SETTLE_S)
+        await super().shutdown(None)
+
+    async def _accept_the_rest(self) -> None:
+        """Close the listening sockets, and serve the connections that waited in the kernel until then."""
+        loop = asyncio.get_running_loop()
+        for connection in self._close_listeners():
+            await loop.connect_accepted_socket(self._protocol, connection)
 
     def _close_listeners(self) -> list[socket.socket]:
         """Close the listening sockets; return the connections that waited in the kernel until then."""

@@ -4,6 +4,8 @@ Each application has its own registry. With several worker processes, prometheus
 the folder `PROMETHEUS_MULTIPROC_DIR`, and the worker that answers /metrics adds up those of all workers.
 """
 
+import contextlib
+import math
 import os
 import platform
 import tempfile
@@ -13,7 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, Literal, ParamSpec, TypeVar
 
-from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, ProcessCollector
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, ProcessCollector, values
 from prometheus_client.exposition import choose_encoder
 from prometheus_client.multiprocess import MultiProcessCollector, mark_process_dead
 
@@ -24,6 +26,9 @@ R = TypeVar("R")
 Reason = Literal["shed", "limited", "cancelled", "failed"]
 
 FOLDER: Final = "PROMETHEUS_MULTIPROC_DIR"
+CHECK_S: Final = 1.0  # between two looks at the folder
+MARKER: Final = "gauge_livesum"  # the file that each worker creates first, for `in_flight`
+DELETED: Final = " (deleted)"  # after the name of such a file in /proc
 SECONDS: Final = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1, 2.5, 5, 10, 30, 60)
 
 
@@ -31,7 +36,9 @@ class Metrics:
     """The counters and histograms of one process; `requests` and `latency` are labeled by route template."""
 
     def __init__(self) -> None:
-        self._shared = FOLDER in os.environ
+        self._files = WorkerFiles(Path(os.environ[FOLDER])) if FOLDER in os.environ else None
+        if self._files:
+            values.ValueClass = values.MultiProcessValue(self._files.name)  # type: ignore[no-untyped-call]
         self._registry = CollectorRegistry()
         own = self._registry
         self.requests: Final = Counter(
@@ -68,7 +75,7 @@ class Metrics:
             self._unserved.labels(reason)  # exported as 0 from the start
         build = Gauge("hof_build_info", "1", ["version", "python"], multiprocess_mode="max", registry=own)
         build.labels(__version__, platform.python_version()).set(1)
-        if not self._shared:
+        if not self._files:
             ProcessCollector(registry=own)
 
     def count_unserved(self, reason: Reason) -> None:
@@ -92,7 +99,60 @@ class Metrics:
     def exposition(self, accept: str) -> tuple[bytes, str]:
         """Return all metrics as text and their media type, Prometheus's or OpenMetrics, as `accept` prefers."""
         encode, media_type = choose_encoder(accept)
-        return encode(_sum_of_workers() if self._shared else self._registry), media_type
+        if not self._files:
+            return encode(self._registry), media_type
+        self._files.check_now()
+        self.in_flight.inc(0)  # looks for the folder
+        return encode(_sum_of_workers(self._files.folder)), media_type
+
+
+class WorkerFiles:
+    """The names of a worker's files of metrics, which end with its pid.
+
+    Programs that tidy /tmp delete the folder in the end. Then the worker writes its numbers to new files in a new one.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._generation = 0
+        self._checked_at = -math.inf
+
+    def check_now(self) -> None:
+        """Let the next call of `name` look for the folder."""
+        self._checked_at = -math.inf
+
+    def name(self) -> str:
+        """Return the last part of the names. prometheus_client asks for it before each change, and alone."""
+        now = time.monotonic()
+        if now - self._checked_at > CHECK_S:
+            self._checked_at = now
+            if not (self.folder / f"{MARKER}_{self._name}.db").exists():
+                self._restore()
+        return self._name
+
+    @property
+    def _name(self) -> str:
+        return f"{os.getpid()}-{self._generation}"
+
+    def _restore(self) -> None:
+        """Copy this worker's deleted files to files of new names."""
+        self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        files = _deleted_files(self.folder)
+        self._generation += 1
+        for name, content in files.items():
+            kind = name.rpartition("_")[0]
+            (self.folder / f"{kind}_{self._name}.db").write_bytes(content)
+
+
+def _deleted_files(folder: Path) -> dict[str, bytes]:
+    """Return the files of a folder that this process has open although they were deleted; Linux."""
+    files = {}
+    for descriptor in Path("/proc/self/fd").glob("*"):
+        with contextlib.suppress(OSError):
+            target = os.readlink(descriptor)
+            if target.endswith(f".db{DELETED}") and target.startswith(f"{folder}/"):
+                files[Path(target.removesuffix(DELETED)).name] = descriptor.read_bytes()
+    return files
 
 
 @contextmanager
@@ -106,15 +166,14 @@ def shared_by_workers() -> Iterator[None]:
             del os.environ[FOLDER]
 
 
-def _sum_of_workers() -> CollectorRegistry:
+def _sum_of_workers(folder: Path) -> CollectorRegistry:
     """Return a registry with the sums over all workers, without the requests in flight of ended workers."""
-    folder = os.environ[FOLDER]
-    for file in Path(folder).glob("gauge_live*_*.db"):
-        pid = int(file.stem.rpartition("_")[2])
-        if not _is_alive(pid):
-            mark_process_dead(pid, folder)  # type: ignore[no-untyped-call]
+    for file in folder.glob("gauge_live*_*.db"):
+        name = file.stem.rpartition("_")[2]
+        if not _is_alive(int(name.partition("-")[0])):
+            mark_process_dead(name, str(folder))  # type: ignore[no-untyped-call]
     registry = CollectorRegistry()
-    MultiProcessCollector(registry, folder)  # type: ignore[no-untyped-call]
+    MultiProcessCollector(registry, str(folder))  # type: ignore[no-untyped-call]
     return registry
 
 

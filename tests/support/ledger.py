@@ -58,10 +58,10 @@ def kill(folder: Path, ledger: Ledger, writes: int, model: Path = SHIPPED_MODEL)
         served.process.wait()
 
 
-def stop(folder: Path, ledger: Ledger, model: Path = SHIPPED_MODEL) -> Stop:
+def stop(folder: Path, ledger: Ledger, model: Path = SHIPPED_MODEL, workers: int = 1) -> Stop:
     """Start the service, write, send SIGTERM, and write until it accepts no connection."""
     ledger.broken.clear()
-    with hof_serve(folder, model, *flags(drain_s=DRAIN_S)) as served, _writing(served.url, ledger):
+    with hof_serve(folder, model, *flags(drain_s=DRAIN_S, workers=workers)) as served, _writing(served.url, ledger):
         _wait_for(ledger, len(ledger.thetas) + WRITERS)
         served.process.send_signal(signal.SIGTERM)
         start = time.perf_counter()

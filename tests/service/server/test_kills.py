@@ -39,9 +39,12 @@ def test_lost_with_missing_and_changed_objects_names_them(tmp_path: Path, model_
     assert sorted(lost(tmp_path, ledger)) == sorted(["0" * 32, name])
 
 
-def test_sigterm_loses_no_call_of_clients_that_write_until_refused(tmp_path: Path, model_path: Path) -> None:
+@pytest.mark.parametrize("workers", [1, 2])
+def test_sigterm_loses_no_call_of_clients_that_write_until_refused(
+    tmp_path: Path, model_path: Path, workers: int
+) -> None:
     ledger = Ledger()
-    stop(tmp_path, ledger, model=model_path)
+    stop(tmp_path, ledger, model=model_path, workers=workers)
     assert ledger.broken == []
     assert len(ledger.thetas) > 4
     assert lost(tmp_path, ledger) == []
