@@ -20,12 +20,14 @@
     ├── TryLater                     a call that may succeed later, and when
     │   ├── Overloaded          429  the queue or a limit in flight is full
     │   ├── RateLimited         429  more requests than the rate limit
-    │   └── NotReady            503  the encoder is still loading
+    │   ├── NotReady            503  the encoder is still loading
+    │   └── StoreUnavailable    503  the database does not answer, or accepts no writes
     ├── UnsupportedVersion      505  another version of HTTP than 1.0 and 1.1
     ├── StoreFull               507  the database has no space left
     ├── InvalidModel            500  the model file is unusable: refused at start
     ├── InvalidKeys             500  the file of API keys is unusable: refused at start
     └── UnusableStore           500  the database cannot be opened: refused at start
+        └── UnreachableStore         it does not answer, or is busy: a later start may succeed
 
 This module imports no other module of the project, so that every layer may raise these errors.
 """
@@ -180,6 +182,13 @@ class NotReady(TryLater):
     title = "Not ready"
 
 
+class StoreUnavailable(TryLater):
+    """A database that does not answer, accepts no writes, or refuses for another reason that may pass."""
+
+    status = 503
+    title = "Store unavailable"
+
+
 class UnsupportedVersion(HofError):
     """A request of another version of HTTP than 1.0 and 1.1."""
 
@@ -210,3 +219,7 @@ class UnusableStore(HofError):
     """A database that the service cannot open."""
 
     title = "Unusable store"
+
+
+class UnreachableStore(UnusableStore):
+    """A database that cannot be opened at present; a later start may succeed."""

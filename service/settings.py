@@ -22,6 +22,10 @@ LogFormat = Literal["json", "text"]
 SHIPPED_MODEL: Final = Path(__file__).resolve().parent.parent / "model" / "weights" / "hof1-k2.onnx"  # the default
 POINTS_CEILING: Final = 10_000_000  # the API's limit; `max_points` may only lower it
 POINTS_PER_CPU: Final = 4_000_000  # in flight: about one second of work
+DEFAULT_PORT: Final = 8080
+DATABASE_TIMEOUT_S: Final = 10.0
+DATABASE_CONNECTIONS: Final = 8  # of a process: 12 fit into the 100 that PostgreSQL allows by default
+CGROUPS: Final = Path("/sys/fs/cgroup")
 MIB: Final = 2**20
 HOST_NAME: Final = r"(\*|[A-Za-z0-9._-]+)"
 PREFIX: Final = r"^(/[A-Za-z0-9._~-]+)+$"
@@ -29,13 +33,17 @@ ORIGIN: Final = r"(\*|https?://[^/,\s*]+)"  # as browsers send it: no path, no t
 
 
 def available_cpus() -> int:
-    """Return the number of CPUs this process may use: its affinity, limited by a cgroup v2 quota; at least 1."""
+    """Return the number of CPUs this process may use: its affinity, limited by a cgroup's quota; at least 1."""
     count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    try:
-        quota, period = Path("/sys/fs/cgroup/cpu.max").read_text("ascii").split()
-        return max(1, min(count, math.ceil(int(quota) / int(period))))
-    except (OSError, ValueError):  # no cgroup v2, or no quota ("max")
-        return count
+    version_1 = [CGROUPS / "cpu" / f"cpu.cfs_{name}_us" for name in ("quota", "period")]
+    for files in ([CGROUPS / "cpu.max"], version_1):
+        try:
+            quota, period = " ".join(file.read_text("ascii") for file in files).split()
+            if int(quota) > 0:  # version 1 writes -1 for none
+                return max(1, min(count, math.ceil(int(quota) / int(period))))
+        except (OSError, ValueError):  # no cgroups of this version, or no quota ("max")
+            continue
+    return count
 
 
 def shipped_models() -> tuple[Path, ...]:
@@ -45,8 +53,12 @@ def shipped_models() -> tuple[Path, ...]:
 
 
 def default_database_url() -> str:
-    """Return the URL of a SQLite file in the user's data folder."""
-    return f"sqlite:///{platformdirs.user_data_path('hof') / 'hof.db'}"
+    """Return the URL of a SQLite file in the user's data folder; for a user without home, one that begins with "~"."""
+    try:
+        folder = platformdirs.user_data_path("hof")
+    except RuntimeError:  # opening it says which setting helps; commands without a store do without
+        folder = Path("~/.local/share/hof")
+    return f"sqlite:///{folder / 'hof.db'}"
 
 
 def default_matting_model() -> Path | None:
@@ -65,6 +77,11 @@ def _parts(value: object) -> object:
     return [part.strip() for part in value.split(",") if part.strip()] if isinstance(value, str) else value
 
 
+def _port(value: object) -> object:
+    """Return the default for `tcp://...`: Kubernetes sets HOF_PORT to that beside a Service named hof."""
+    return DEFAULT_PORT if isinstance(value, str) and value.startswith("tcp://") else value
+
+
 Paths = Annotated[tuple[Path, ...], NoDecode, BeforeValidator(_parts)]
 
 
@@ -74,10 +91,21 @@ class Settings(BaseSettings):
     model_config = SettingsConfigDict(env_prefix="HOF_", frozen=True, extra="forbid")
 
     host: str = Field(default="127.0.0.1", description="address to listen on")
-    port: int = Field(default=8080, ge=0, le=65_535, description="port to listen on; 0 takes a free one")
+    port: Annotated[int, BeforeValidator(_port)] = Field(
+        default=DEFAULT_PORT, ge=0, le=65_535, description="port to listen on; 0 takes a free one"
+    )
     database_url: str = Field(
         default_factory=default_database_url,
         description="database: sqlite:///PATH or postgresql://...; default: a file in the user's data folder",
+    )
+    database_timeout_s: float = Field(
+        default=DATABASE_TIMEOUT_S,
+        gt=0,
+        le=3600,
+        description="maximum seconds that a call waits for PostgreSQL; after that, 503",
+    )
+    database_connections: int = Field(
+        default=DATABASE_CONNECTIONS, ge=1, le=1000, description="maximum connections of one process to PostgreSQL"
     )
     model: Paths = Field(
         default_factory=shipped_models,

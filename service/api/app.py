@@ -73,7 +73,11 @@ ROUTERS: Final = (
 
 RESPONSES: Final[Responses] = {
     422: {"model": Problem, "description": "A parameter is unknown, of the wrong type or out of range"},
-    503: {"model": Problem, "description": "The service is starting or stopping", "headers": RETRY_AFTER},
+    503: {
+        "model": Problem,
+        "description": "The service is starting or stopping, or its database cannot be used at present",
+        "headers": RETRY_AFTER,
+    },
 }
 
 
@@ -132,7 +136,9 @@ async def _lifespan(settings: Settings, app: FastAPI) -> AsyncIterator[None]:
         await asyncio.to_thread(compiled.load)
         hold_blas_to_one_thread()
         ignore_metadata_warnings()
-        store = await Store.open(settings.database_url)
+        store = await Store.open_once_reachable(
+            settings.database_url, settings.database_timeout_s, settings.database_connections
+        )
         app.state.runtime = Runtime(settings, opened, matting, store, executor, app.state.metrics, app.state.gates)
         try:
             yield

@@ -5,11 +5,7 @@ import importlib.util
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Final, Literal
-
-from sqlalchemy import make_url
-from sqlalchemy.exc import ArgumentError
 
 from service.api.middleware.access import keys_of
 from service.api.routes.viewer import BUNDLE, NOT_BUILT
@@ -44,7 +40,7 @@ def examine(settings: Settings) -> Iterator[Finding]:
     for subject, check in CHECKS.items():
         try:
             state, message = check(settings)
-        except (HofError, ArgumentError, OSError) as error:
+        except (HofError, OSError) as error:
             state, message = "fail", str(error)
         yield Finding(state, subject, message)
 
@@ -64,15 +60,15 @@ def _matting(settings: Settings) -> tuple[State, str]:
 
 def _database(settings: Settings) -> tuple[State, str]:
     """Open the database as `hof serve` does, which creates a missing one, and read all of it."""
-    asyncio.run(database.verify(settings.database_url))
-    return "ok", f"{make_url(settings.database_url).render_as_string()} can be read and written"
+    asyncio.run(database.verify(settings.database_url, settings.database_timeout_s))
+    return "ok", f"{database.parse(settings.database_url).shown} can be read and written"
 
 
 def _disk(settings: Settings) -> tuple[State, str]:
-    url = make_url(settings.database_url)
-    if url.get_backend_name() != "sqlite" or not url.database:
+    file = database.parse(settings.database_url).file
+    if file is None:
         return "ok", "not checked: it is the database server's"
-    folder = next(parent for parent in Path(url.database).absolute().parents if parent.is_dir())
+    folder = next(parent for parent in file.absolute().parents if parent.is_dir())
     free = shutil.disk_usage(folder).free
     state: State = "fail" if free < FULL_DISK else "warn" if free < LOW_DISK else "ok"
     return state, f"{free // MIB:,} MiB free in {folder}" + (

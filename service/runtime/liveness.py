@@ -17,11 +17,22 @@ class LivenessProbe:
     ----------
     ping : does the least work that shows that the part works; raises if it fails.
     answered_at : returns when the part last answered a request, `time.monotonic()`.
+    fresh_s : time for which an answered request proves that the part works.
+    max_silence_s : longest time that a busy part may take to answer.
     """
 
-    def __init__(self, ping: Callable[[], Coroutine[Any, Any, object]], answered_at: Callable[[], float]) -> None:
+    def __init__(
+        self,
+        ping: Callable[[], Coroutine[Any, Any, object]],
+        answered_at: Callable[[], float],
+        *,
+        fresh_s: float = FRESH_S,
+        max_silence_s: float = MAX_SILENCE_S,
+    ) -> None:
         self._ping = ping
         self._answered_at = answered_at
+        self._fresh_s = fresh_s
+        self._max_silence_s = max_silence_s
         self._pinging: asyncio.Task[object] | None = None
         self._pinged_at = 0.0
         self._last_failed = False  # whether the last ping that ended failed
@@ -29,9 +40,9 @@ class LivenessProbe:
     async def is_alive(self) -> bool:
         """Return within PROBE_TIMEOUT_S whether the part works.
 
-        A busy part has MAX_SILENCE_S to answer, unless its last ping failed.
+        A busy part has `max_silence_s` to answer, unless its last ping failed.
         """
-        if time.monotonic() - self._answered_at() < FRESH_S:
+        if time.monotonic() - self._answered_at() < self._fresh_s:
             return True
         if self._pinging is None or self._pinging.done():
             self._last_failed = self._pinging is not None and not _succeeded(self._pinging)
@@ -41,7 +52,8 @@ class LivenessProbe:
         await asyncio.wait((ping,), timeout=PROBE_TIMEOUT_S)
         if ping.done():
             return _succeeded(ping)
-        return not self._last_failed and time.monotonic() - self._pinged_at < MAX_SILENCE_S
+        last_answer = max(self._pinged_at, self._answered_at())
+        return not self._last_failed and time.monotonic() - last_answer < self._max_silence_s
 
 
 def _succeeded(ping: asyncio.Task[object]) -> bool:

@@ -1,7 +1,6 @@
 """The opened parts of a running service: settings, models, store, worker threads, gates."""
 
 import asyncio
-import math
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -48,7 +47,10 @@ class Runtime:
     @cached_property
     def probes(self) -> dict[str, LivenessProbe]:  # noqa: D102
         encoders = {f"model {encoder.name}": self._encoder_probe(encoder) for encoder in self.models}
-        return {**encoders, "store": LivenessProbe(self.store.ping, lambda: -math.inf)}
+        store = LivenessProbe(
+            self.store.ping, lambda: self.store.answered_at, fresh_s=0, max_silence_s=self.store.max_silence_s
+        )
+        return {**encoders, "store": store}
 
     def _encoder_probe(self, encoder: Encoder) -> LivenessProbe:
         batcher, blank = self.batchers[encoder.name], encoder.blank()

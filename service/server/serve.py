@@ -43,4 +43,4 @@ def _check(settings: Settings) -> None:
     Models.open(settings.model, settings.threads)
     Matting.of(settings.matting_model, settings.threads)
     keys_of(settings)
-    asyncio.run(database.verify(settings.database_url))
+    asyncio.run(database.verify(settings.database_url, settings.database_timeout_s))

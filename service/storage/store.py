@@ -3,26 +3,33 @@
 An object never changes once written: it is put, read, listed and deleted.
 """
 
-import base64
+import asyncio
+import logging
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache, partial
-from typing import Any, Final, Literal, TypeVar
+from typing import Any, Final, Literal
 
 import numpy as np
 from sqlalchemy import Connection, Row, bindparam, select
-from sqlalchemy.exc import DBAPIError, IntegrityError
-from sqlalchemy.exc import TimeoutError as PoolTimeout
+from sqlalchemy.exc import IntegrityError
 
-from service.errors import InUse, InvalidParameter, NotFound, Overloaded, StoreFull
+from service.errors import InUse, NotFound, StoreUnavailable, UnreachableStore
 from service.mapping.spec import CACHED_SPECS, Array, Color, Functions, MappingSpec, joined
-from service.storage.database import Database, Work, connect, is_busy, is_full, objects, uses
+from service.settings import DATABASE_CONNECTIONS, DATABASE_TIMEOUT_S
+from service.storage.cursors import decode_cursor, encode_cursor
+from service.storage.database import connect, objects, uses
+from service.storage.faults import domain_error, reason_of, too_busy
+from service.storage.transactions import Database, R, Work
 
-R = TypeVar("R")
+logger: Final = logging.getLogger("hof")
+
 Kind = Literal["encoded", "imported", "composed", "interpolated"]
 
-MAX_SEQ: Final = 2**63 - 1
+ATTEMPTS: Final = 10  # of a write that other writes thwart
+REOPEN_S: Final = 1.0
 MAX_NAMED: Final = 10  # composed objects that a refused deletion lists
 ONE: Final = select(objects).where(objects.c.id == bindparam("of"))  # built once: every photo runs it
 HEADER: Final = [column for column in objects.columns if column.name not in ("theta", "color")]
@@ -51,24 +58,42 @@ class Record:
 class Store:
     """The objects of a database, read and written in short transactions.
 
-    Every method raises Overloaded if other calls hold the database for too long.
+    Every method raises Overloaded if others hold the database for too long, StoreUnavailable if it does not answer.
+
+    answered_at : time of the last answer of the database, `time.monotonic()`.
+    max_silence_s : time without an answer after which the database counts as unreachable.
     """
 
     def __init__(self, database: Database) -> None:
         self._database = database
+        self._is_available = True
+        self.answered_at = time.monotonic()
+        self.max_silence_s: Final = database.max_silence_s
 
     @classmethod
-    async def open(cls, url: str) -> "Store":
+    async def open(
+        cls, url: str, timeout_s: float = DATABASE_TIMEOUT_S, connections: int = DATABASE_CONNECTIONS
+    ) -> "Store":
         """Open the store at a database URL (`database.connect`). Raises UnusableStore."""
-        return cls(await connect(url))
+        return cls(await connect(url, timeout_s, connections))
+
+    @classmethod
+    async def open_once_reachable(cls, url: str, timeout_s: float, connections: int) -> "Store":
+        """Open a store; wait as long as its database does not answer. Raises UnusableStore."""
+        while True:
+            try:
+                return await cls.open(url, timeout_s, connections)
+            except UnreachableStore as error:
+                logger.warning("%s; trying again every second", error.detail)
+                await asyncio.sleep(REOPEN_S)
 
     async def close(self) -> None:
         """Close all connections."""
         await self._database.close()
 
     async def ping(self) -> None:
-        """Run SELECT 1. Raises Overloaded, or SQLAlchemy's error if the database does not answer."""
-        await self._run(lambda connection: connection.execute(select(1)))
+        """Do the least work that shows that the database can be used. Raises Overloaded and StoreUnavailable."""
+        await self._run(self._database.ping)
 
     async def put(self, record: Record, functions: Functions | None) -> tuple[Record, bool]:
         """Store an object under ``record.id`` unless that id exists.
@@ -96,7 +121,7 @@ class Store:
         `put`.
         """
         kept: dict[str, Record] = {}
-        while True:  # repeats only if another put or a delete intervenes
+        for _ in range(ATTEMPTS):  # repeats only if another put or a delete intervenes, or after a repair
             # Always in the same order, so that two calls for the same words cannot deadlock.
             fresh = sorted((pair for pair in proposed if pair[0].id not in kept), key=lambda pair: pair[0].members)
             try:
@@ -106,8 +131,10 @@ class Store:
                 for record, _ in fresh:
                     if record.id not in kept:
                         await self._check_word(record)
+                        await self._run(_remove_orphans)
             else:
                 return [kept.get(record.id, record) for record, _ in proposed], bool(fresh)
+        raise too_busy()
 
     async def find(self, object_id: str) -> tuple[Record, Functions] | None:
         """Return an object and its functions (for a composed object, those of its word, in order), or None."""
@@ -144,10 +171,10 @@ class Store:
         """
         query = select(*HEADER).order_by(objects.c.seq.desc()).limit(limit + 1)
         if cursor is not None:
-            query = query.where(objects.c.seq < _decode_cursor(cursor))
+            query = query.where(objects.c.seq < decode_cursor(cursor))
         rows = await self._run(lambda connection: connection.execute(query).all())
         more = len(rows) > limit
-        return [_record(row) for row in rows[:limit]], _encode_cursor(rows[limit - 1].seq) if more else None
+        return [_record(row) for row in rows[:limit]], encode_cursor(rows[limit - 1].seq) if more else None
 
     async def delete(self, object_id: str) -> None:
         """Delete an object.
@@ -159,26 +186,35 @@ class Store:
         StoreFull : deleting needs space too, and none is left.
         """
         query = objects.delete().where(objects.c.id == object_id)
-        while True:  # repeats only if the last composed object that used it was deleted meanwhile
+        for _ in range(ATTEMPTS):  # repeats only if the last user was deleted meanwhile, or after a repair
             try:
                 deleted = await self._run(lambda connection: connection.execute(query).rowcount)
             except IntegrityError:
                 await self._check_unused(object_id)
+                await self._run(_remove_orphans)
             else:
-                break
-        if not deleted:
-            raise NotFound(f"no object has the id {object_id}")
+                if not deleted:
+                    raise NotFound(f"no object has the id {object_id}")
+                return
+        raise too_busy()
 
     async def _run(self, work: Work[R]) -> R:
-        """Run a transaction. Raises Overloaded and StoreFull."""
+        """Run a transaction. Raises Overloaded, StoreFull, StoreUnavailable, and IntegrityError as it is."""
         try:
-            return await self._database.run(work)
-        except (DBAPIError, PoolTimeout) as error:
-            if is_busy(error):
-                raise Overloaded("other calls held the database for too long; try again later") from error
-            if is_full(error):
-                raise StoreFull("the database has no space left; nothing of this call is kept") from error
-            raise
+            result = await self._database.run(work)
+        except Exception as error:  # each driver has its own classes
+            fault = domain_error(error)
+            if isinstance(fault, StoreUnavailable) and self._is_available:  # once, not for each call
+                self._is_available = False
+                logger.warning("the database cannot be used: %s", reason_of(error))
+            if fault is error:
+                raise
+            raise fault from error
+        self.answered_at = time.monotonic()
+        if not self._is_available:
+            self._is_available = True
+            logger.info("the database can be used again")
+        return result
 
     async def _check_word(self, record: Record) -> None:
         existing = await self.records(record.members)
@@ -208,6 +244,11 @@ def _find(connection: Connection, object_id: str) -> tuple[Record, Functions] | 
     if members.keys() != set(record.members):
         return None  # the object and a member were deleted between the two queries
     return record, joined([members[member] for member in record.members])
+
+
+def _remove_orphans(connection: Connection) -> None:
+    """Remove the uses by objects that do not exist, which programs leave that do not check foreign keys."""
+    connection.execute(uses.delete().where(uses.c.composed_id.not_in(select(objects.c.id))))
 
 
 def _insert_all(connection: Connection, pairs: Sequence[tuple[Record, Functions | None]]) -> None:
@@ -256,18 +297,3 @@ def _bytes(array: Array) -> bytes:
 
 def _array(data: bytes) -> Array:
     return np.frombuffer(data, dtype="<f4").astype(np.float32, copy=False)
-
-
-def _encode_cursor(seq: int) -> str:
-    return base64.urlsafe_b64encode(str(seq).encode()).decode().rstrip("=")
-
-
-def _decode_cursor(cursor: str) -> int:
-    try:
-        text = base64.urlsafe_b64decode(cursor + "=" * (-len(cursor) % 4))
-        seq = int(text)
-    except ValueError as error:
-        raise InvalidParameter("the cursor did not come from a page of objects", field="cursor") from error
-    if not 1 <= seq <= MAX_SEQ or _encode_cursor(seq) != cursor:
-        raise InvalidParameter("the cursor did not come from a page of objects", field="cursor")
-    return seq

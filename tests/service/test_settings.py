@@ -59,6 +59,8 @@ def test_settings_from_the_environment_set_every_field(monkeypatch: pytest.Monke
         "host": "0.0.0.0",
         "port": 9,
         "database_url": "sqlite:///x.db",
+        "database_timeout_s": 2.5,
+        "database_connections": 10,
         "model": (Path("m.onnx"),),
         "matting_model": Path("u.onnx"),
         "max_image_bytes": 1,
@@ -128,3 +130,20 @@ def test_available_cpus_with_a_quota_are_limited(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr("os.sched_getaffinity", lambda _: set(range(8)))
     monkeypatch.setattr(Path, "read_text", lambda *_: quota)
     assert available_cpus() == expected
+
+
+@pytest.mark.parametrize(("quota", "expected"), [("150000", 2), ("-1", 8), ("800000", 8)])
+def test_available_cpus_with_a_quota_of_cgroups_version_1_are_limited(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, quota: str, expected: int
+) -> None:
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: set(range(8)))
+    monkeypatch.setattr(module, "CGROUPS", tmp_path)
+    (tmp_path / "cpu").mkdir()
+    (tmp_path / "cpu" / "cpu.cfs_quota_us").write_text(f"{quota}\n")
+    (tmp_path / "cpu" / "cpu.cfs_period_us").write_text("100000\n")
+    assert available_cpus() == expected
+
+
+def test_settings_beside_a_kubernetes_service_named_hof_keep_the_default_port(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOF_PORT", "tcp://10.0.0.1:80")
+    assert Settings().port == 8080

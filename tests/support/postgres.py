@@ -3,6 +3,7 @@
 import contextlib
 import os
 import shutil
+import signal
 import socket
 import subprocess
 import tempfile
@@ -11,6 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
+from typing import Literal
 
 import pytest
 
@@ -22,60 +24,88 @@ START_TIMEOUT_S = 120
 
 
 class Postgres:
-    """A running server; each `create` is an empty database of its own."""
+    """A running server; each `create` is an empty database of its own.
 
-    def __init__(self, folder: Path, port: int) -> None:
-        self._folder = folder
-        self._port = port
+    folder : holds its data, its log and its Unix socket.
+    """
+
+    def __init__(self, folder: Path, port: int, options: str = "") -> None:
+        self.folder = folder
+        self.port = port
+        self._options = f"-k {folder} -h 127.0.0.1 -p {port} {FAST} {options}"
+        control = [_tool("pg_ctl"), "-D", str(folder / "data"), "-w", "-t", str(START_TIMEOUT_S)]
+        self._control = [*_unprivileged(), *control]
         self._names = (f"hof_{number}" for number in count(1))
 
     def create(self) -> str:
         """Create a database and return its URL."""
         name = next(self._names)
         self.run(f"CREATE DATABASE {name}", "postgres")
-        return f"postgresql://{USER}@127.0.0.1:{self._port}/{name}"
+        return f"postgresql://{USER}@127.0.0.1:{self.port}/{name}"
 
     def run(self, sql: str, database: str) -> str:
         """Run SQL and return the output of psql."""
-        connection = ["-h", "127.0.0.1", "-p", str(self._port), "-U", USER, "-d", database]
+        connection = ["-h", "127.0.0.1", "-p", str(self.port), "-U", USER, "-d", database]
         command = [_tool("psql"), *connection, "-X", "-q", "-A", "-t", "-v", "ON_ERROR_STOP=1", "-c", sql]
-        return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
+        environment = {**os.environ, "PGOPTIONS": "-c default_transaction_read_only=off -c statement_timeout=0"}
+        return subprocess.run(command, check=True, capture_output=True, text=True, env=environment).stdout.strip()
+
+    def start(self) -> None:
+        """Start the server, and wait until it accepts connections."""
+        start = [*self._control, "-l", str(self.folder / "log"), "-o", self._options, "start"]
+        subprocess.run(start, check=True, stdout=subprocess.DEVNULL, cwd=self.folder)
+
+    def stop(self, mode: Literal["fast", "immediate"] = "fast") -> None:
+        """Stop the server: `fast` ends all connections, `immediate` forgets the last transactions too."""
+        stop = [*self._control, "-m", mode, "stop"]
+        subprocess.run(stop, check=True, stdout=subprocess.DEVNULL, cwd=self.folder)
 
     @contextmanager
-    def bouncer(self, url: str) -> Iterator[str]:
+    def frozen(self) -> Iterator[None]:
+        """Stop all processes of the server until the block ends; the kernel still accepts connections for them."""
+        pid = (self.folder / "data" / "postmaster.pid").read_text().split()[0]
+        pids = [int(pid), *map(int, Path(f"/proc/{pid}/task/{pid}/children").read_text().split())]
+        for each in pids:
+            os.kill(each, signal.SIGSTOP)
+        try:
+            yield
+        finally:
+            for each in pids:
+                os.kill(each, signal.SIGCONT)
+
+    @contextmanager
+    def bouncer(self, url: str, port: int | None = None) -> Iterator[str]:
         """Run PgBouncer, with two connections shared by transaction; the URL of the same database through it."""
-        port = free_port()
-        path = self._folder / f"bouncer-{port}.ini"
+        port = port or free_port()
+        path = self.folder / f"bouncer-{port}.ini"
         path.write_text(
-            f"[databases]\n* = host=127.0.0.1 port={self._port} user={USER}\n[pgbouncer]\nlisten_addr=127.0.0.1\n"
+            f"[databases]\n* = host=127.0.0.1 port={self.port} user={USER}\n[pgbouncer]\nlisten_addr=127.0.0.1\n"
             f"listen_port={port}\nunix_socket_dir=\nauth_type=any\npool_mode=transaction\ndefault_pool_size=2\n"
         )
         with subprocess.Popen([*_unprivileged(), _tool("pgbouncer"), "--quiet", str(path)]) as process:
             try:
                 _wait_for(port, process)
-                yield url.replace(f":{self._port}/", f":{port}/")
+                yield url.replace(f":{self.port}/", f":{port}/")
             finally:
                 process.terminate()
 
 
 @contextmanager
-def running_postgres() -> Iterator[Postgres]:
+def running_postgres(options: str = "") -> Iterator[Postgres]:
     """Run the server until the block ends. It is quick because it writes nothing safe from a crash of the machine."""
     with tempfile.TemporaryDirectory(prefix="hof-postgres-") as name:
-        folder, port = Path(name), free_port()
+        folder = Path(name)
         if os.geteuid() == 0:
             shutil.chown(folder, USER)
         data = folder / "data"
         setup = [_tool("initdb"), "-D", str(data), "-U", USER, "-A", "trust", "-E", "UTF8", "--no-sync"]
         subprocess.run([*_unprivileged(), *setup], check=True, capture_output=True, cwd=folder)
-        options = f"-k '' -h 127.0.0.1 -p {port} {FAST}"
-        control = [*_unprivileged(), _tool("pg_ctl"), "-D", str(data), "-w", "-t", str(START_TIMEOUT_S)]
-        start = [*control, "-l", str(folder / "log"), "-o", options, "start"]
-        subprocess.run(start, check=True, stdout=subprocess.DEVNULL, cwd=folder)
+        server = Postgres(folder, free_port(), options)
+        server.start()
         try:
-            yield Postgres(folder, port)
+            yield server
         finally:
-            subprocess.run([*control, "-m", "immediate", "stop"], check=True, stdout=subprocess.DEVNULL, cwd=folder)
+            server.stop("immediate")
 
 
 def _unprivileged() -> list[str]:

@@ -17,8 +17,8 @@ from service.mapping.spec import HOF_1, initial_theta
 from service.runtime import liveness
 from service.runtime.cost import in_flight
 from service.settings import Settings
-from service.storage import database
-from service.storage.database import SQLITE_CONNECTIONS, SqliteDatabase
+from service.storage import sqlite
+from service.storage.sqlite import SQLITE_CONNECTIONS, SqliteDatabase
 from tests.support.processes import hof, serving
 from tests.support.resources import others, threads
 from tests.support.server import Server, check_refused, running
@@ -185,8 +185,8 @@ def test_mesh_and_compose_of_a_huge_function_are_refused_over_the_limit(settings
 def test_store_locked_by_another_process_answers_429_until_released(
     settings: Settings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(database, "POOL_TIMEOUT_S", 0.2)
-    monkeypatch.setattr(database, "BUSY_TIMEOUT_MS", 2_000)
+    monkeypatch.setattr(sqlite, "POOL_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(sqlite, "BUSY_TIMEOUT_MS", 2_000)
     files = [dump(Weights(SPEC, initial_theta(SPEC, seed), "m"), "safetensors") for seed in range(SQLITE_CONNECTIONS)]
     with (
         running(settings) as server,

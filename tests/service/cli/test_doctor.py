@@ -72,6 +72,8 @@ def test_doctor_of_a_broken_installation_names_each_fault(tmp_path: Path) -> Non
         ("sqlite:///file:hof.db?mode=ro&uri=true", "cannot be written"),
         ("nonsense", "invalid database URL"),
         ("postgresql://u:secret@127.0.0.1:1/x", "cannot open the database postgresql://u:***@"),
+        ("postgres://u:secret@127.0.0.1:port/x", "cannot read its hosts and ports"),
+        ("mysql://u:secret@127.0.0.1/x", "invalid database URL"),
     ],
 )
 def test_doctor_of_an_unusable_database_fails(model_path: Path, tmp_path: Path, url: str, message: str) -> None:
@@ -81,3 +83,25 @@ def test_doctor_of_an_unusable_database_fails(model_path: Path, tmp_path: Path, 
     assert message in findings["database"][1]
     assert "secret" not in str(findings)
     assert findings["keys"][0] == "warn"
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can become a user without a passwd entry")
+@pytest.mark.parametrize("command", ["doctor", "serve"])
+def test_command_of_a_user_without_home_says_which_setting_helps(command: str) -> None:
+    user = ["setpriv", "--reuid=12345", "--regid=12345", "--clear-groups"]
+    user += ["--inh-caps=+dac_override", "--ambient-caps=+dac_override"]  # Python may lie in root's home folder
+    environment = ["env", "-u", "HOME", "-u", "XDG_DATA_HOME", "-u", "HOF_DATABASE_URL"]
+    run = subprocess.run(
+        [*user, *environment, str(Path(sys.executable).with_name("hof")), command],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        cwd="/",  # the tests' folder is closed to that user
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT_S,
+        check=False,
+    )
+    text = run.stdout + run.stderr
+    assert run.returncode in (1, 2)
+    assert "this user has no home folder; set --database-url or HOF_DATABASE_URL" in text
+    assert "Traceback" not in text
+    assert not Path("/~").exists()

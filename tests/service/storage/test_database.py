@@ -14,7 +14,8 @@ import pytest
 from sqlalchemy import Connection
 
 from service.mapping.spec import HOF_1, Functions, initial_theta
-from service.storage.database import SQLITE_CONNECTIONS, connect
+from service.storage.database import connect
+from service.storage.sqlite import SQLITE_CONNECTIONS
 from service.storage.store import Record
 from tests.support.postgres import Postgres
 from tests.support.small.store import NOW, open_store
@@ -59,7 +60,7 @@ def test_connect_to_a_new_file_waits_for_another_writer(tmp_path: Path, monkeypa
                 other.execute("COMMIT")
                 refused.set()
 
-        monkeypatch.setattr("service.storage.database.time.sleep", commit)  # called after each refusal
+        monkeypatch.setattr("service.storage.sqlite.time.sleep", commit)  # called after each refusal
         asyncio.run(asyncio.run(connect(f"sqlite:///{path}")).close())
         assert refused.is_set()
     with closing(sqlite3.connect(path)) as after:

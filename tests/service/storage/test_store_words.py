@@ -1,7 +1,9 @@
 """The store on SQLite and on PostgreSQL: words, and the objects that they use."""
 
 import asyncio
+import sqlite3
 from collections.abc import Awaitable
+from contextlib import closing
 from dataclasses import replace
 from datetime import UTC, datetime
 
@@ -11,7 +13,7 @@ import pytest
 from service.errors import InUse, NotFound
 from service.mapping.spec import Color, Functions, MappingSpec, initial_theta
 from service.storage.store import Record
-from tests.support.postgres import EVERY_DATABASE
+from tests.support.postgres import EVERY_DATABASE, Postgres
 from tests.support.small.store import NOW, SPEC, THETA, encoded_record, open_store
 
 pytestmark = EVERY_DATABASE
@@ -165,3 +167,30 @@ def test_put_all_of_the_same_words_in_opposite_orders_does_not_deadlock(database
             return new
 
     assert asyncio.run(scenario()) == [True] * 10
+
+
+def _leave_orphan(database_url: str, request: pytest.FixtureRequest, composed: str, member: str) -> None:
+    """Add a row as programs do that do not check foreign keys."""
+    sql = f"INSERT INTO uses (composed_id, member_id) VALUES ('{composed}', '{member}')"
+    if database_url.startswith("sqlite:///"):
+        with closing(sqlite3.connect(database_url.removeprefix("sqlite:///"), isolation_level=None)) as connection:
+            connection.execute(sql)
+        return
+    postgres: Postgres = request.getfixturevalue("postgres")
+    postgres.run(f"SET session_replication_role = replica; {sql}", database_url.rpartition("/")[2])
+
+
+def test_orphaned_use_stops_neither_delete_nor_put(database_url: str, request: pytest.FixtureRequest) -> None:
+    async def scenario() -> None:
+        async with asyncio.timeout(60), open_store(database_url) as store:
+            for name in "abc":
+                await store.put(encoded_record(name), Functions(THETA))
+            _leave_orphan(database_url, request, "gone", "a")
+            _leave_orphan(database_url, request, "bc", "b")
+            assert (await store.put(_composed("bc", "b", "c"), None))[1]
+            with pytest.raises(InUse, match="bc"):
+                await store.delete("b")
+            await store.delete("a")
+            assert await store.find("a") is None
+
+    asyncio.run(scenario())

@@ -1,0 +1,167 @@
+"""SQLite: opening a file, transactions on threads, and noticing that the file is gone."""
+
+import asyncio
+import contextlib
+import os
+import sqlite3
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Final
+
+from sqlalchemy import Connection, Engine, create_engine, event, select
+from sqlalchemy.engine import URL
+from sqlalchemy.engine.interfaces import DBAPIConnection, DBAPICursor
+
+from service.errors import StoreUnavailable, UnusableStore
+from service.storage.faults import REMEDIES, RETRY_AFTER_S, is_locked, too_busy
+from service.storage.transactions import R, Work
+
+SQLITE_CONNECTIONS: Final = 4  # more would not help: SQLite has one writer at a time
+POOL_TIMEOUT_S: Final = 30  # wait for a connection; as long as a busy file still counts as ready
+BUSY_TIMEOUT_MS: Final = 10_000
+RETRY_S: Final = 0.01
+OWNER_ONLY: Final = 0o600  # SQLite gives its -wal and -shm the mode of the file
+
+Identity = tuple[int, int]  # device and inode
+
+
+class SqliteDatabase:
+    """SQLite, whose calls block: each transaction runs as one job on a thread."""
+
+    max_silence_s = float(POOL_TIMEOUT_S)
+
+    def __init__(self, engine: Engine) -> None:
+        self.dialect = engine.dialect.name
+        self._engine = engine
+        self._threads = ThreadPoolExecutor(SQLITE_CONNECTIONS, thread_name_prefix="sqlite")
+        self._free = asyncio.Semaphore(SQLITE_CONNECTIONS)
+        self._files: dict[Path, Identity | None] = {}
+
+    async def run(self, work: Work[R], *, timeout_s: float | None = None) -> R:
+        """Run a transaction (`Database.run`). Once begun, it completes even if the caller is cancelled.
+
+        Raises
+        ------
+        StoreUnavailable : the file, or its write-ahead log, was deleted or replaced while it was open.
+        """
+        await self._acquire()
+        job = asyncio.get_running_loop().run_in_executor(self._threads, self._transaction, work)
+        job.add_done_callback(lambda _: self._free.release())
+        return await asyncio.shield(job)
+
+    async def _acquire(self) -> None:
+        if not self._free.locked():  # saves the timer, which costs more than the acquisition
+            await self._free.acquire()
+            return
+        try:
+            async with asyncio.timeout(POOL_TIMEOUT_S):
+                await self._free.acquire()
+        except TimeoutError:
+            raise too_busy() from None
+
+    def _transaction(self, work: Work[R]) -> R:
+        with self._engine.begin() as connection:
+            result = work(connection)
+        # After the commit: a file that vanished before it took the transaction along.
+        for path, identity in self._files.items():
+            if _identity(path) != identity:
+                raise StoreUnavailable(
+                    f"the database file {path.name} was deleted or replaced while the service ran; put it back, or "
+                    "restart the service to use what is there now",
+                    retry_after_s=RETRY_AFTER_S,
+                )
+        return result
+
+    async def watch_files(self) -> None:
+        """Remember the open file and its write-ahead log; from now on, transactions on other files fail."""
+        path = await self.run(_path)
+        if path:  # none for a database in memory
+            files = {Path(f"{path}{suffix}"): _identity(Path(f"{path}{suffix}")) for suffix in ("", "-wal")}
+            self._files = {file: identity for file, identity in files.items() if identity}
+
+    def ping(self, connection: Connection) -> None:
+        """Run SELECT 1."""
+        connection.execute(select(1))
+
+    async def close(self) -> None:
+        """Close all connections once the running transactions have ended."""
+        await asyncio.to_thread(self._threads.shutdown)
+        self._engine.dispose()
+
+
+def open_sqlite(url: URL) -> SqliteDatabase:
+    """Return a SQLite database; its file is created, for its owner alone, if it is missing.
+
+    Raises
+    ------
+    UnusableStore : the path is in the user's home folder, and there is none.
+    OSError : the file's folder cannot be created.
+    """
+    if url.database and not url.database.startswith("file:"):  # the user creates a URI's file
+        path = Path(os.path.expanduser(url.database))  # Path.expanduser raises without a home
+        if path.parts[:1] == ("~",):
+            raise UnusableStore(
+                "this user has no home folder; set --database-url or HOF_DATABASE_URL to another file, for example "
+                "sqlite:////var/lib/hof/hof.db"
+            )
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if url.database != ":memory:":
+            with contextlib.suppress(OSError):  # SQLite says it with a remedy
+                os.close(os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, OWNER_ONLY))
+            url = url.set(database=str(path))
+    engine = create_engine(url, pool_size=SQLITE_CONNECTIONS, max_overflow=0)
+    event.listen(engine, "connect", _configure)
+    return SqliteDatabase(engine)
+
+
+def check_file(connection: Connection) -> None:
+    """Read all of a file. Raises UnusableStore if it is damaged."""
+    result = connection.exec_driver_sql("PRAGMA quick_check(1)").scalar_one()
+    if result != "ok":
+        raise UnusableStore(f"{result.splitlines()[-1]}; {REMEDIES[sqlite3.SQLITE_CORRUPT]}")
+
+
+def _path(connection: Connection) -> str:
+    """Return the path of the open file; empty for a database in memory."""
+    path: str = connection.exec_driver_sql("PRAGMA database_list").all()[0][2]
+    return path
+
+
+def _identity(path: Path) -> Identity | None:
+    try:
+        status = os.stat(path)
+    except OSError:
+        return None
+    return status.st_dev, status.st_ino
+
+
+def _configure(connection: DBAPIConnection, _: object) -> None:
+    """Let readers work beside a writer (WAL), writers wait for each other, and commits reach the disk (FULL)."""
+    cursor = connection.cursor()
+    pragmas = (
+        f"busy_timeout = {BUSY_TIMEOUT_MS}",
+        "journal_mode = WAL",
+        "synchronous = FULL",
+        "foreign_keys = ON",
+    )
+    for pragma in pragmas:
+        _execute_when_unlocked(cursor, f"PRAGMA {pragma}")
+    cursor.close()
+
+
+def _execute_when_unlocked(cursor: DBAPICursor, statement: str) -> None:
+    """Repeat a statement while the file is locked.
+
+    SQLite does not wait by itself when several processes open a new file and switch to WAL at once.
+    """
+    deadline = time.monotonic() + BUSY_TIMEOUT_MS / 1000
+    while True:
+        try:
+            cursor.execute(statement)
+        except sqlite3.OperationalError as error:
+            if not is_locked(error) or time.monotonic() > deadline:
+                raise
+            time.sleep(RETRY_S)
+        else:
+            return

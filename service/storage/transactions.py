@@ -1,0 +1,39 @@
+"""What both databases offer: transactions on a pool of connections."""
+
+from collections.abc import Callable
+from typing import Protocol, TypeVar
+
+from sqlalchemy import Connection
+
+R = TypeVar("R")
+Work = Callable[[Connection], R]
+
+
+class Database(Protocol):
+    """Transactions on a pool of connections.
+
+    Attributes
+    ----------
+    max_silence_s : time without any answer after which the database counts as unreachable.
+    """
+
+    dialect: str
+    max_silence_s: float
+
+    async def run(self, work: Work[R], *, timeout_s: float | None = None) -> R:
+        """Call a function with a connection, in a transaction: on disk when this returns, undone if it raises.
+
+        Parameters
+        ----------
+        timeout_s : longest time, instead of the database's own; SQLite ignores it.
+
+        Raises
+        ------
+        Overloaded, StoreUnavailable : no connection was free in time, or no answer came.
+        """
+
+    def ping(self, connection: Connection) -> None:
+        """Do the least work that shows that the database can be used. Raises StoreUnavailable or a driver's error."""
+
+    async def close(self) -> None:
+        """Close all connections."""

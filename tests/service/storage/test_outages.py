@@ -1,0 +1,250 @@
+"""A PostgreSQL that stops, freezes or refuses: 503 in time, unready, and recovery by itself. Real servers."""
+
+import asyncio
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from pathlib import Path
+
+import asyncpg  # type: ignore[import-untyped]
+import httpx
+import pytest
+
+from service.formats.weights import Weights, dump
+from service.mapping.spec import HOF_1, initial_theta
+from tests.support.postgres import USER, Postgres, running_postgres
+from tests.support.processes import HOF, flags, hof_serve
+from tests.support.slow import until
+
+SPEC = HOF_1.with_k(2)
+TIMEOUT_S = 2
+READY_S = 2.0  # until the service is unready
+SLACK_S = 1.5  # for a machine that does other things
+MAX_CONNECTIONS = 12
+TERMINATE = "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE datname = '{name}'"
+SLEEPING = "FROM pg_stat_activity WHERE wait_event = 'PgSleep'"
+Fault = Callable[[Postgres, str], AbstractContextManager[None]]
+
+
+@pytest.fixture(scope="module")
+def own_postgres() -> Iterator[Postgres]:
+    with running_postgres(f"-c max_connections={MAX_CONNECTIONS}") as postgres:
+        yield postgres
+
+
+@contextmanager
+def _stopped(postgres: Postgres, name: str) -> Iterator[None]:
+    postgres.stop()
+    try:
+        yield
+    finally:
+        postgres.start()
+
+
+@contextmanager
+def _frozen(postgres: Postgres, name: str) -> Iterator[None]:
+    with postgres.frozen():
+        yield
+
+
+@contextmanager
+def _read_only(postgres: Postgres, name: str) -> Iterator[None]:
+    postgres.run("ALTER SYSTEM SET default_transaction_read_only = on", "postgres")
+    postgres.run("SELECT pg_reload_conf()", "postgres")
+    try:
+        yield
+    finally:
+        postgres.run("ALTER SYSTEM RESET default_transaction_read_only", "postgres")
+        postgres.run("SELECT pg_reload_conf()", "postgres")
+
+
+@contextmanager
+def _without_connections(postgres: Postgres, name: str) -> Iterator[None]:
+    """Hold all connections of the server, those of the service too."""
+    with asyncio.Runner() as runner:
+        held = runner.run(_take_connections(postgres, name))
+        try:
+            yield
+        finally:
+            for connection in held:
+                runner.run(connection.close())
+
+
+async def _take_connections(postgres: Postgres, name: str) -> list[asyncpg.Connection]:
+    held: list[asyncpg.Connection] = []
+    terminated = 0
+    while terminated < 3:  # the service connects again between the first one and the next connection
+        try:
+            held.append(await asyncpg.connect(f"postgresql://{USER}@127.0.0.1:{postgres.port}/postgres"))
+        except asyncpg.TooManyConnectionsError:
+            await held[0].execute(TERMINATE.format(name=name))
+            terminated += 1
+            await asyncio.sleep(0.1)
+    return held
+
+
+FAULTS: dict[str, Fault] = {
+    "stopped": _stopped,
+    "frozen": _frozen,
+    "read-only": _read_only,
+    "without connections": _without_connections,
+}
+
+
+def _post(client: httpx.Client, seed: int) -> httpx.Response:
+    return client.post("/objects", content=dump(Weights(SPEC, initial_theta(SPEC, seed), "m"), "safetensors"))
+
+
+def _is_ready(client: httpx.Client) -> bool:
+    return client.get("/health/ready").status_code == 200
+
+
+def _check_outage(client: httpx.Client, began: float) -> None:
+    """Check that the service is unready in time, and that calls end in time with a 503."""
+    while _is_ready(client):
+        pass
+    assert time.monotonic() - began < READY_S + SLACK_S
+    assert client.get("/health/live").status_code == 200
+    for _ in range(3):
+        start = time.monotonic()
+        answer = _post(client, 2)
+        assert time.monotonic() - start < TIMEOUT_S + SLACK_S
+        assert (answer.status_code, answer.json()["title"]) == (503, "Store unavailable"), answer.text
+        assert int(answer.headers["retry-after"]) >= 1
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_service_with_postgresql_at_fault_answers_503_in_time_and_recovers(
+    fault: str, own_postgres: Postgres, tmp_path: Path, model_path: Path
+) -> None:
+    url = own_postgres.create()
+    settings = flags(database_url=url, database_timeout_s=TIMEOUT_S, database_connections=3)
+    with (
+        hof_serve(tmp_path, model_path, *settings) as served,
+        httpx.Client(base_url=served.url, timeout=60) as client,
+    ):
+        kept = _post(client, 1).json()["links"]["self"]
+        assert _is_ready(client)
+        with FAULTS[fault](own_postgres, url.rpartition("/")[2]):
+            _check_outage(client, time.monotonic())
+            assert client.get(kept).status_code == (200 if fault == "read-only" else 503)
+        until(lambda: _is_ready(client))
+        assert [_post(client, seed).status_code for seed in range(2, 8)] == [201] * 6
+        assert client.get(kept).status_code == 200
+    log = (tmp_path / "log").read_text()
+    assert "the database cannot be used: " in log
+    assert "Traceback" not in log
+
+
+def test_service_behind_a_pgbouncer_that_restarts_answers_503_and_recovers(
+    own_postgres: Postgres, tmp_path: Path, model_path: Path
+) -> None:
+    url = own_postgres.create()
+    with ExitStack() as stack:
+        bouncer = stack.enter_context(ExitStack())
+        through = bouncer.enter_context(own_postgres.bouncer(url))
+        settings = flags(database_url=through, database_timeout_s=TIMEOUT_S)
+        served = stack.enter_context(hof_serve(tmp_path, model_path, *settings))
+        client = stack.enter_context(httpx.Client(base_url=served.url, timeout=60))
+        assert _post(client, 1).status_code == 201
+        bouncer.close()
+        _check_outage(client, time.monotonic())
+        port = int(through.rpartition(":")[2].partition("/")[0])
+        stack.enter_context(own_postgres.bouncer(url, port))
+        until(lambda: _is_ready(client))
+        assert _post(client, 2).status_code == 201
+    assert "Traceback" not in (tmp_path / "log").read_text()
+
+
+@contextmanager
+def _locked(postgres: Postgres, name: str) -> Iterator[None]:
+    """Hold a lock that every call of the service needs."""
+    sql = "BEGIN; LOCK TABLE objects; SELECT 1; SELECT pg_sleep(600)"
+    command = ["psql", "-h", "127.0.0.1", "-p", str(postgres.port), "-U", USER, "-d", name, "-X", "-q", "-c", sql]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        try:
+            until(lambda: postgres.run(f"SELECT count(*) {SLEEPING}", name) == "1")
+            yield
+        finally:
+            postgres.run(f"SELECT pg_terminate_backend(pid) {SLEEPING}", name)
+            process.wait(60)
+
+
+def test_call_past_the_servers_statement_timeout_answers_503(
+    own_postgres: Postgres, tmp_path: Path, model_path: Path
+) -> None:
+    url = f"{own_postgres.create()}?options=-c%20statement_timeout%3D300"
+    with (
+        hof_serve(tmp_path, model_path, *flags(database_url=url)) as served,
+        httpx.Client(base_url=served.url, timeout=60) as client,
+    ):
+        with _locked(own_postgres, url.rpartition("/")[2].partition("?")[0]):
+            answer = client.get("/objects")
+            assert (answer.status_code, answer.json()["title"]) == (503, "Store unavailable")
+            assert _is_ready(client)
+        assert client.get("/objects").status_code == 200
+    assert "Traceback" not in (tmp_path / "log").read_text()
+
+
+def test_service_opens_no_more_connections_than_its_setting(
+    own_postgres: Postgres, tmp_path: Path, model_path: Path
+) -> None:
+    url = own_postgres.create()
+    name = url.rpartition("/")[2]
+    count = f"SELECT count(*) FROM pg_stat_activity WHERE datname = '{name}' AND application_name = 'hof-test'"
+    settings = flags(database_url=f"{url}?application_name=hof-test", database_connections=3, database_timeout_s=5)
+    with (
+        hof_serve(tmp_path, model_path, *settings) as served,
+        ThreadPoolExecutor(12) as pool,
+        _locked(own_postgres, name),
+    ):
+        calls = [pool.submit(httpx.get, f"{served.url}/objects", timeout=60) for _ in range(12)]
+        until(lambda: own_postgres.run(count, "postgres") == "3")
+        while not all(call.done() for call in calls):
+            assert int(own_postgres.run(count, "postgres")) <= 3
+        assert all(call.result().status_code in (429, 503) for call in calls)
+
+
+def test_serve_with_a_frozen_postgresql_is_refused_in_time_with_one_line(
+    own_postgres: Postgres, tmp_path: Path, model_path: Path
+) -> None:
+    url = own_postgres.create()
+    with own_postgres.frozen():
+        run = subprocess.run(
+            [HOF, "serve", "--port=0", f"--model={model_path}", *flags(database_url=url, database_timeout_s=1)],
+            capture_output=True,
+            text=True,
+            timeout=60,
+            cwd=tmp_path,
+        )
+    assert run.returncode == 2
+    assert run.stderr.count("\n") == 1
+    assert "cannot open the database" in run.stderr
+    assert "did not answer in time" in run.stderr
+
+
+def test_worker_that_dies_while_postgresql_is_down_comes_back_after_it(
+    own_postgres: Postgres, tmp_path: Path, model_path: Path
+) -> None:
+    url = own_postgres.create()
+    settings = flags(database_url=url, database_timeout_s=TIMEOUT_S, workers=2)
+    with (
+        hof_serve(tmp_path, model_path, *settings, HOF_LOG_FORMAT="text") as served,
+        httpx.Client(base_url=served.url, timeout=60) as client,
+    ):
+        log = tmp_path / "log"
+        until(lambda: log.read_text().count("startup complete") == 2)
+        children = Path(f"/proc/{served.process.pid}/task/{served.process.pid}/children").read_text().split()
+        workers = [pid for pid in children if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+        own_postgres.stop()
+        try:
+            subprocess.run(["kill", "-KILL", workers[-1]], check=True)
+            until(lambda: "trying again" in log.read_text())
+            assert served.process.poll() is None
+            assert client.get("/health/ready").status_code == 503
+        finally:
+            own_postgres.start()
+        until(lambda: log.read_text().count("startup complete") == 3)
+        assert _post(client, 1).status_code == 201
