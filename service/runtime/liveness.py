@@ -17,8 +17,8 @@ class LivenessProbe:
     ----------
     ping : does the least work that shows that the part works; raises if it fails.
     answered_at : returns when the part last answered a request, `time.monotonic()`.
-    fresh_s : time for which an answered request proves that the part works.
-    max_silence_s : longest time that a busy part may take to answer.
+    fresh_s : time for which an answered request proves that the part works; default: FRESH_S.
+    max_silence_s : longest time that a busy part may take to answer; default: MAX_SILENCE_S.
     """
 
     def __init__(
@@ -26,13 +26,13 @@ class LivenessProbe:
         ping: Callable[[], Coroutine[Any, Any, object]],
         answered_at: Callable[[], float],
         *,
-        fresh_s: float = FRESH_S,
-        max_silence_s: float = MAX_SILENCE_S,
+        fresh_s: float | None = None,
+        max_silence_s: float | None = None,
     ) -> None:
         self._ping = ping
         self._answered_at = answered_at
-        self._fresh_s = fresh_s
-        self._max_silence_s = max_silence_s
+        self._fresh_s = FRESH_S if fresh_s is None else fresh_s
+        self._max_silence_s = MAX_SILENCE_S if max_silence_s is None else max_silence_s
         self._pinging: asyncio.Task[object] | None = None
         self._pinged_at = 0.0
         self._last_failed = False  # whether the last ping that ended failed
