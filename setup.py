@@ -1,9 +1,11 @@
 """Build the page's bundle, service/viewer/static/bundle: the one step that pyproject.toml cannot state.
 
 three.js and Swagger UI come from npm, at the versions of service/viewer/package-lock.json; the example photos are the
-demo's. Without npm the package is built without them, and the service says so at `/`.
+demo's. Beside each large text there is the same compressed, which the service sends to browsers that accept gzip.
+Without npm the package is built without the bundle, and the service says so at `/`.
 """
 
+import gzip
 import json
 import shutil
 import subprocess
@@ -17,6 +19,8 @@ ROOT: Final = Path(__file__).resolve().parent
 VIEWER: Final = ROOT / "service" / "viewer"
 MODULES: Final = VIEWER / "node_modules"
 BUNDLE: Final = VIEWER / "static" / "bundle"
+
+COMPRESSED: Final = (".js", ".css")
 
 FILES: Final = {
     "three": (
@@ -55,7 +59,9 @@ def _copy() -> None:
     for folder, (source, *files) in FILES.items():
         (BUNDLE / folder).mkdir(parents=True)
         for file in files:
-            shutil.copy(source / file, BUNDLE / folder)
+            copy = Path(shutil.copy(source / file, BUNDLE / folder))
+            if copy.suffix in COMPRESSED:
+                copy.with_name(f"{copy.name}.gz").write_bytes(gzip.compress(copy.read_bytes(), mtime=0))
 
 
 setup(cmdclass={"build_py": BuildWithBundle})

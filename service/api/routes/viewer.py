@@ -5,17 +5,20 @@ Their libraries, three.js and Swagger UI, are put into service/viewer/static/bun
 
 import base64
 import hashlib
+import mimetypes
 import re
+from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
-from starlette.middleware.gzip import GZipMiddleware
+from starlette.datastructures import Headers
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Mount, Route
 from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
 
+from service.api.wire.caching import accepts_gzip
 from service.errors import NotFound
 
 STATIC: Final = Path(__file__).resolve().parents[2] / "viewer" / "static"
@@ -41,15 +44,36 @@ def content_security_policy(page: str) -> str:
 
 
 class Pages(StaticFiles):
-    """Static files that browsers cache but revalidate each time (ETag, 304); pages load nothing from other origins."""
+    """Static files that browsers cache but revalidate each time (ETag, 304); pages load nothing from other origins.
+
+    The bundle's large texts were compressed when the package was built (setup.py); nothing is compressed per request.
+    """
 
     async def get_response(self, path: str, scope: Scope) -> Response:
         """Return the answer for a file. Raises Starlette's 404 and 405."""
-        response = await super().get_response(path, scope)
+        response = await self._compressed(path, scope) or await super().get_response(path, scope)
         response.headers["Cache-Control"] = "no-cache"
         if path.endswith(".html"):
             response.headers["Content-Security-Policy"] = content_security_policy((STATIC / path).read_text("utf-8"))
+        if f"{path}.gz" in _compressed_files():
+            response.headers["Vary"] = "Accept-Encoding"
         return response
+
+    async def _compressed(self, path: str, scope: Scope) -> Response | None:
+        """Return the answer with the compressed file, if there is one and the browser accepts gzip."""
+        if f"{path}.gz" not in _compressed_files() or not accepts_gzip(Headers(scope=scope).get("accept-encoding")):
+            return None
+        response = await super().get_response(f"{path}.gz", scope)
+        if response.status_code == 200:
+            response.headers["Content-Encoding"] = "gzip"
+            response.headers["Content-Type"] = f"{mimetypes.guess_type(path)[0]}; charset=utf-8"
+        return response
+
+
+@lru_cache(1)
+def _compressed_files() -> frozenset[str]:
+    """Return the paths of the compressed files, relative to STATIC. They do not change while the service runs."""
+    return frozenset(path.relative_to(STATIC).as_posix() for path in BUNDLE.rglob("*.gz"))
 
 
 _pages: Final = Pages(directory=STATIC)
@@ -72,5 +96,5 @@ async def _page(name: str, request: Request) -> Response:
 routes: Final[list[BaseRoute]] = [
     Route("/", _viewer),
     Route("/docs", _docs),
-    Mount("/viewer", GZipMiddleware(_pages, compresslevel=6)),
+    Mount("/viewer", _pages),
 ]

@@ -1,5 +1,6 @@
 """The page's files: headers, references, and the answer if the bundle is missing."""
 
+import gzip
 import re
 from pathlib import Path
 
@@ -52,10 +53,24 @@ def test_static_file_has_its_media_type_and_an_etag(client: httpx.Client, name: 
     assert client.get(f"/viewer/{name}", headers={"If-None-Match": answer.headers["etag"]}).status_code == 304
 
 
-def test_static_file_that_is_large_is_compressed(client: httpx.Client) -> None:
-    answer = client.get("/viewer/bundle/three/three.core.min.js", headers={"Accept-Encoding": "gzip"})
+@pytest.mark.parametrize("name", ["three/three.core.min.js", "swagger-ui/swagger-ui.css"])
+def test_static_file_that_is_large_was_compressed_at_build(client: httpx.Client, name: str) -> None:
+    path, kept = f"/viewer/bundle/{name}", (viewer.BUNDLE / f"{name}.gz").read_bytes()
+    plain = client.get(path, headers={"Accept-Encoding": "identity"})
+    answer = client.get(path, headers={"Accept-Encoding": "gzip"})
     assert answer.headers["content-encoding"] == "gzip"
-    assert "Accept-Encoding" in answer.headers["vary"]
+    assert answer.headers["content-length"] == str(len(kept))
+    assert answer.content == gzip.decompress(kept) == plain.content == (viewer.BUNDLE / name).read_bytes()
+    assert "content-encoding" not in plain.headers
+    for each in (plain, answer):
+        assert "Accept-Encoding" in each.headers["vary"]
+        assert each.headers["content-type"] == plain.headers["content-type"]
+        headers = {
+            "If-None-Match": each.headers["etag"],
+            "Accept-Encoding": each.headers.get("content-encoding", "identity"),
+        }
+        assert client.get(path, headers=headers).status_code == 304
+    assert plain.headers["etag"] != answer.headers["etag"]
 
 
 def test_static_path_outside_the_page_is_404(client: httpx.Client) -> None:
