@@ -36,7 +36,9 @@ def test_key_dialog_opens_once_and_the_key_is_used(browser: Browser, model_path:
         page.set_default_timeout(TIMEOUT_MS)
         page.goto(f"http://127.0.0.1:{server.port}/")
         dialog = page.get_by_role("dialog", name="API key")
+        wrong = dialog.get_by_text("does not know this key")
         for entry in ("wrong", token):  # an unknown key opens the dialog again
+            expect(wrong).to_be_visible() if entry == token else expect(wrong).to_be_hidden()
             dialog.get_by_label("API key").fill(entry)
             dialog.get_by_role("button", name="Continue").click()
         expect(dialog).to_be_hidden(timeout=TIMEOUT_MS)

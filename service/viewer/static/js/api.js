@@ -26,7 +26,7 @@ async function call(path, options = {}) {
   }
   if (answer.ok) return answer;
   const keyIsNew = credentials.Authorization !== authorization().Authorization; // entered during this call
-  if (answer.status === 401 && (keyIsNew || (await askForKey()))) return call(path, options);
+  if (answer.status === 401 && (keyIsNew || (await askForKey("Authorization" in credentials)))) return call(path, options);
   const isProblem = answer.headers.get("Content-Type")?.startsWith("application/problem+json");
   const problem = isProblem ? await answer.json() : { title: `Error ${answer.status}`, detail: answer.statusText };
   throw new Problem(problem.title, problem.detail);

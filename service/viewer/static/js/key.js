@@ -15,8 +15,10 @@ export function curlAuthorization() {
   return sessionStorage.getItem(STORED) ? '-H "Authorization: Bearer $HOF_KEY"' : "";
 }
 
-/** Ask for a key, with one dialog for all waiting calls. Returns whether a key was entered. */
-export function askForKey() {
+/** Ask for a key, with one dialog for all waiting calls. Returns whether a key was entered.
+ * `isWrong`: the service refused the key that was entered before. */
+export function askForKey(isWrong) {
+  document.getElementById("key-wrong").hidden = !isWrong;
   pending ??= new Promise((done) => {
     dialog.returnValue = "";
     dialog.addEventListener("close", () => done(keep()), { once: true });
