@@ -11,6 +11,7 @@ from service.mapping.surface import RESOLUTION, RESOLUTIONS
 from service.settings import POINTS_CEILING
 
 ColorChoice = Literal["auto", "none"]
+FrameChoice = Literal["object", "raw"]
 
 MAX_SEED: Final = 2**63 - 1
 
@@ -19,7 +20,15 @@ Scale = Annotated[
     Field(
         ge=SCALES[0],
         le=SCALES[1],
-        description="length of the longest side, for example in meters; an object's own is 1",
+        description="length of the longest side of the object's box, for example in meters; with `frame=raw`, a factor",
+        examples=[0.8],
+    ),
+]
+ChosenFrame = Annotated[
+    FrameChoice,
+    Field(
+        description="`object` centers the box of the whole object at the origin and makes its longest side `scale` "
+        "long; `raw` gives the function's own numbers times `scale`",
     ),
 ]
 
@@ -54,6 +63,7 @@ class PointOptions(BaseModel):
         description="points to skip: n=10&offset=90 gives the last ten of n=100 of the same seed",
     )
     scale: Scale = 1.0
+    frame: ChosenFrame = "object"
     sampling: Sampling = Field(
         default="uniform",
         description="`uniform` draws independent points; `sobol` covers the object more evenly, for offset + n up to "
@@ -76,6 +86,7 @@ class MeshOptions(BaseModel):
         description="makes 20 resolution^2 triangles; those that the function tears apart are left out",
     )
     scale: Scale = 1.0
+    frame: ChosenFrame = "object"
     color: ColorChoice = Field(
         default="auto",
         description="`auto` writes the vertices' colors if the object has them and the format holds them: `glb`, "

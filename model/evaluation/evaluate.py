@@ -1,7 +1,9 @@
 """Measure predicted points on a split, along the path of a user's bytes.
 
 Each view becomes a PNG; `service.encoding` decodes and frames it and runs the ONNX file, `service.mapping.sampler`
-draws the points. Objects are measured in threads; each figure is a mean over the views of an object.
+draws the points. They are the function's own numbers (the service's `frame=raw`): the true points have a longest side
+of 1, so a function of the wrong size counts as an error. The object frame, in which points are served by default,
+would hide that. Objects are measured in threads; each figure is a mean over the views of an object.
 """
 
 import os
@@ -92,7 +94,7 @@ def encode_photo(encoder: Encoder, photo: bytes) -> Functions:
 
 
 def draw(spec: MappingSpec, theta: Floats, n: int = PREDICTED_POINTS) -> Floats:
-    """Draw n points of a mapping function as the service does: (n, 3)."""
+    """Draw n points of a mapping function as the service does with `frame=raw`: (n, 3)."""
     return Sampler(spec, word_of(spec, theta)).points(n)
 
 

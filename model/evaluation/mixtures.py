@@ -213,6 +213,9 @@ def _picture(spec: MappingSpec, thetas: Sequence[Floats], ids: Sequence[str], pa
         for a, b, _ in [pair for pair in pairs if pair[2] is kind][:SHOWN]:
             labels = {"A" * spec.k: ids[a].rpartition("/")[2], "B" * spec.k: ids[b].rpartition("/")[2]}
             rows.append(
-                [(labels.get(word, word), _draw(spec, thetas[a], thetas[b], word, 2 * CLOUD_POINTS)) for word in words]
+                [
+                    (labels.get(word, word), _draw(spec, thetas[a], thetas[b], word, 2 * CLOUD_POINTS), None)
+                    for word in words
+                ]
             )
     return sheet(rows, cell=CELL)

@@ -10,8 +10,9 @@ import numpy as np
 from pydantic import BaseModel, Field, computed_field
 from pydantic.json_schema import SkipJsonSchema
 
-from service.encoding.encoder import Encoder
 from service.encoding.framing import Framed, Mask
+from service.encoding.report import ImageReport as Report
+from service.mapping.frame import Frame
 from service.mapping.spec import CACHED_SPECS, Activation, Array, Domain, Functions, MappingSpec
 from service.storage.store import Kind, Record
 
@@ -55,6 +56,51 @@ ColorSpec = Annotated[
 ]
 
 
+class Box(BaseModel):
+    """The bounding box of the object in its function's own numbers, as `frame=raw` gives them.
+
+    The object frame is (raw - (low + high) / 2) / max(high - low).
+    """
+
+    low: tuple[float, float, float] = Field(examples=[[-0.31, -0.52, -0.33]])
+    high: tuple[float, float, float] = Field(examples=[[0.34, 0.52, 0.38]])
+
+
+Dimensions = Annotated[
+    tuple[float, float, float],
+    Field(
+        description="width, height and depth of the whole object in the object frame: the longest is 1; multiply by "
+        "`scale`",
+        examples=[[0.62, 1.0, 0.68]],
+    ),
+]
+UNMEASURED: Final = "Absent in lists for objects that an older version of the service stored, until they are read"
+
+
+class ImageReport(BaseModel):
+    """Report on the separation of the object from its background."""
+
+    mask: Mask = Field(
+        description="method that removed the background: transparency, a uniform border, matting or none"
+    )
+    box: tuple[int, int, int, int] = Field(
+        description="left, top, right, bottom of the object, pixels of the upright image", examples=[[40, 12, 480, 502]]
+    )
+    confidence: Annotated[float, Field(ge=0, le=1)] | SkipJsonSchema[None] = Field(
+        default=None,
+        exclude_if=lambda value: value is None,
+        description="confidence of the mask: its mean, weighted by itself; 1 if every pixel is either object or "
+        "background. Absent if the mask is `none`",
+    )
+    width: int = Field(description="of the upright image, pixels")
+    height: int = Field(description="of the upright image, pixels")
+
+    @classmethod
+    def of(cls, report: Report) -> "ImageReport":
+        """Return the JSON form of a report."""
+        return cls(**asdict(report))
+
+
 class StoredObject(BaseModel):
     """An object: a mapping function that the service keeps."""
 
@@ -80,6 +126,17 @@ class StoredObject(BaseModel):
         description="size of theta, 4 bytes for each number; of a composed object, of its k thetas",
         examples=[28684],
     )
+    dimensions: Dimensions | SkipJsonSchema[None] = Field(
+        default=None, exclude_if=lambda value: value is None, description=UNMEASURED
+    )
+    frame: Box | SkipJsonSchema[None] = Field(
+        default=None, exclude_if=lambda value: value is None, description=UNMEASURED
+    )
+    image: ImageReport | SkipJsonSchema[None] = Field(
+        default=None,
+        exclude_if=lambda value: value is None,
+        description="of an encoded object: its photo, unless an older version of the service stored it",
+    )
     links: Links
 
     @classmethod
@@ -92,30 +149,6 @@ class ComposedObjects(BaseModel):
     """The objects that `all` makes, in order."""
 
     objects: list[StoredObject]
-
-
-class ImageReport(BaseModel):
-    """Report on the separation of the object from its background."""
-
-    mask: Mask = Field(
-        description="method that removed the background: transparency, a uniform border, matting or none"
-    )
-    box: tuple[int, int, int, int] = Field(
-        description="left, top, right, bottom of the object, pixels of the upright image", examples=[[40, 12, 480, 502]]
-    )
-    confidence: Annotated[float, Field(ge=0, le=1)] | SkipJsonSchema[None] = Field(
-        default=None,
-        description="confidence of the mask: its mean, weighted by itself; 1 if every pixel is either object or "
-        "background. Absent if the mask is `none`",
-    )
-    width: int = Field(description="of the upright image, pixels")
-    height: int = Field(description="of the upright image, pixels")
-
-    @classmethod
-    def of(cls, framed: Framed) -> "ImageReport":
-        """Return the report of a framed image."""
-        confidence = None if framed.confidence is None else round(framed.confidence, 3)
-        return cls(mask=framed.mask, box=framed.box, confidence=confidence, width=framed.width, height=framed.height)
 
 
 Weights64 = Annotated[str, Field(description="theta: base64 of its float32 numbers, little-endian")]
@@ -138,7 +171,8 @@ class EncodedObject(StoredObject):
     ) -> "EncodedObject":
         """Return the JSON form of a record, for the client that sent its image."""
         weights = _weights_fields(functions) if functions else {}
-        return cls(**_object_fields(record, root_path), image=ImageReport.of(framed), **weights)
+        fields = _object_fields(record, root_path) | {"image": ImageReport.of(Report.of(framed))}
+        return cls(**fields, **weights)
 
 
 class EncodedWeights(BaseModel):
@@ -148,19 +182,23 @@ class EncodedWeights(BaseModel):
     spec: Spec
     color: ColorSpec = None
     bytes: int = Field(examples=[28684])
+    dimensions: Dimensions
+    frame: Box
     image: ImageReport
     weights: Weights64
     color_weights: ColorWeights64 = None
 
     @classmethod
-    def of(cls, model: str, spec: MappingSpec, functions: Functions, framed: Framed) -> "EncodedWeights":
+    def of(cls, model: str, spec: MappingSpec, functions: Functions, frame: Frame, framed: Framed) -> "EncodedWeights":
         """Return the JSON form of functions that are not kept."""
         return cls(
             model=model,
             spec=Spec.of(spec),
             color=Spec.of(functions.color.spec) if functions.color else None,
             bytes=functions.theta.nbytes,
-            image=ImageReport.of(framed),
+            dimensions=frame.dimensions,
+            frame=Box(**asdict(frame)),
+            image=ImageReport.of(Report.of(framed)),
             **_weights_fields(functions),
         )
 
@@ -171,42 +209,6 @@ class ObjectPage(BaseModel):
     items: list[StoredObject]
     next: str | None = Field(description="cursor of the next page; null on the last")
     limit: int
-
-
-class ModelFraming(BaseModel):
-    """Framing of the images of a model."""
-
-    size: int = Field(description="side of the encoder's input, pixels", examples=[64])
-    foreground_ratio: float = Field(examples=[0.85])
-
-
-class Model(BaseModel):
-    """A loaded model."""
-
-    name: str = Field(examples=["hof1-k2"])
-    digest: str = Field(description="sha256 of the model file, hexadecimal")
-    spec: Spec
-    color: ColorSpec = None
-    framing: ModelFraming
-    card: dict[str, Any] = Field(description="the model card as the file carries it: data, license, figures, limits")
-
-    @classmethod
-    def of(cls, encoder: Encoder) -> "Model":
-        """Return the JSON form of an encoder."""
-        return cls(
-            name=encoder.name,
-            digest=encoder.digest,
-            spec=Spec.of(encoder.spec),
-            color=Spec.of(encoder.color_spec) if encoder.color_spec else None,
-            framing=ModelFraming(**asdict(encoder.framing)),
-            card=encoder.card,
-        )
-
-
-class ModelList(BaseModel):
-    """The loaded models."""
-
-    models: list[Model] = Field(description="the first is the default of calls that name no model")
 
 
 class Health(BaseModel):
@@ -267,6 +269,9 @@ def _object_fields(record: Record, root_path: str | None) -> dict[str, Any]:
         "word": list(record.members) if composed else None,
         "parents": list(record.members) if record.kind == "interpolated" else None,
         "bytes": 4 * record.spec.size * (record.spec.k if composed else 1),
+        "dimensions": record.frame.dimensions if record.frame else None,
+        "frame": Box(**asdict(record.frame)) if record.frame else None,
+        "image": ImageReport.of(record.image) if record.image else None,
         "links": Links(self=path, points=f"{path}/points", mesh=f"{path}/mesh", weights=f"{path}/weights"),
     }
 

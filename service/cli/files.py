@@ -3,6 +3,7 @@
 import argparse
 import io
 import json
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -10,18 +11,22 @@ from typing import Any, Final, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from service.drawing.words import MAX_POINTS, label, rows_of_words, sheet
+from service.drawing.words import MAX_POINTS, Cell, label, rows_of_words, sheet
 from service.encoding.encoder import Encoder
 from service.encoding.framing import preprocess
 from service.encoding.matting import Matting
+from service.encoding.report import ImageReport
 from service.errors import HofError, InvalidParameter
 from service.files import whole_file
 from service.formats.mesh.registry import MESH_FORMATS, MeshFormat
 from service.formats.points.registry import POINT_FORMATS, PointFormat
 from service.formats.points.writer import write
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
+from service.mapping.box import measure
+from service.mapping.color import ColorSampler
+from service.mapping.frame import Frame
 from service.mapping.sampler import Sampler
-from service.mapping.spec import Array, Functions, MappingSpec, joined
+from service.mapping.spec import Functions, MappingSpec, joined
 from service.options import EncodeOptions, MeshOptions, PointOptions
 from service.runtime.composition import Member, check_members
 from service.runtime.cost import check_size
@@ -32,13 +37,17 @@ Format = TypeVar("Format", PointFormat, MeshFormat)
 Options = TypeVar("Options", EncodeOptions, PointOptions, MeshOptions)
 
 PICTURE: Final = ".png"
+STDIO: Final = Path("-")  # as an input: stdin; as the output: stdout
 
 
 def encode(arguments: argparse.Namespace) -> None:
-    """Encode the photo of one object and write its points, or its weights as .safetensors."""
+    """Encode the photo of one object and write its points, or its weights as .safetensors.
+
+    stderr tells how the object was separated from its background.
+    """
     settings = settings_of(arguments)
     options = _options(arguments, EncodeOptions)
-    as_weights = arguments.output.suffix == WEIGHT_FORMATS["safetensors"].extension
+    as_weights = _suffix(arguments) == WEIGHT_FORMATS["safetensors"].extension
     if not as_weights:
         _point_options(arguments)  # fails before the work begins
     encoder = Encoder.open(settings.model[0], settings.threads)
@@ -46,30 +55,38 @@ def encode(arguments: argparse.Namespace) -> None:
     if options.foreground_ratio is not None:
         framing = replace(framing, foreground_ratio=options.foreground_ratio)
     matting = Matting.of(settings.matting_model, settings.threads)
-    photo = arguments.photo.read_bytes()
-    framed = preprocess(photo, framing, options.background, settings.max_image_pixels, matting)
+    photo = _read(arguments.photo)
+    try:
+        framed = preprocess(photo, framing, options.background, settings.max_image_pixels, matting)
+    except HofError as error:
+        raise type(error)(f"{_name(arguments.photo)}: {error.detail}", field=error.field) from error
     functions = encoder.encode(framed.tensor)[0]
+    frame = measure(encoder.spec, functions.theta)
     if as_weights:
-        weights = Weights(encoder.spec, functions.theta, encoder.name, color=functions.color)
+        weights = Weights(encoder.spec, functions.theta, encoder.name, color=functions.color, frame=frame)
         _write(arguments.output, [dump(weights, "safetensors")])
+        result = f"weights of {encoder.name}"
     else:
-        _write_points(arguments, encoder.spec, functions)
+        result = f"{_write_points(arguments, encoder.spec, functions, frame)} points"
+    hint = "; no matting model is set (--matting-model)" if framed.mask == "none" and matting is None else ""
+    report = f"{_name(arguments.photo)}: {ImageReport.of(framed)}{hint}"
+    print(f"hof: {report}\nhof: {_name(arguments.output)}: {result}", file=sys.stderr)
 
 
 def sample(arguments: argparse.Namespace) -> None:
     """Sample a weights file; the points are those that the service computes for the object."""
     _point_options(arguments)
     weights = _load(arguments.weights)
-    _write_points(arguments, weights.spec, weights.functions)
+    _write_points(arguments, weights.spec, weights.functions, _frame(weights))
 
 
 def mesh(arguments: argparse.Namespace) -> None:
     """Write the surface of a weights file; the triangles are those that the service computes for the object."""
-    fmt = _format(arguments.output, MESH_FORMATS)
+    fmt = _format(arguments, MESH_FORMATS)
     options = _options(arguments, MeshOptions)
     weights = _load(arguments.weights)
     functions = functions_for(weights.functions, options.color, holds_color=fmt.holds_color)
-    _write(arguments.output, [fmt.dump(mesh_of(weights.spec, functions, options))])
+    _write(arguments.output, [fmt.dump(mesh_of(weights.spec, functions, _frame(weights), options))])
 
 
 def compose(arguments: argparse.Namespace) -> None:
@@ -77,7 +94,7 @@ def compose(arguments: argparse.Namespace) -> None:
 
     As .png: a picture of words over two files A and B; all words if k = 2, those from A to B if k is larger.
     """
-    as_picture = arguments.output.suffix == PICTURE
+    as_picture = _suffix(arguments) == PICTURE
     if not as_picture:
         _point_options(arguments)
     word = [_load(path) for path in arguments.weights]
@@ -85,15 +102,21 @@ def compose(arguments: argparse.Namespace) -> None:
     members = [Member(str(path), *kind) for path, kind in zip(arguments.weights, kinds, strict=True)]
     check_members(members, "all" if as_picture else "compose")
     if as_picture:
-        _write_sheet(arguments, word[0].spec, [each.theta for each in word])
+        _write_sheet(arguments, word[0].spec, [each.functions for each in word])
     else:
-        _write_points(arguments, word[0].spec, joined([each.functions for each in word]))
+        functions = joined([each.functions for each in word])
+        _write_points(arguments, word[0].spec, functions, measure(word[0].spec, functions.theta))
 
 
 def info(arguments: argparse.Namespace) -> None:
-    """Print the model, the spec and the size of theta as JSON; also the color's spec and the word, if any."""
+    """Print the model, the spec, the size of theta, and the object's dimensions as JSON.
+
+    Also the color's spec and the word, if any.
+    """
     weights = _load(arguments.weights)
     summary: dict[str, Any] = {"model": weights.model, "spec": asdict(weights.spec), "size": weights.spec.size}
+    frame = _frame(weights)
+    summary |= {"dimensions": frame.dimensions, "frame": asdict(frame)}
     if weights.color:
         summary["color_spec"] = asdict(weights.color.spec)
     if weights.word:
@@ -123,55 +146,89 @@ def _options(arguments: argparse.Namespace, model: type[Options]) -> Options:
 
 def _load(path: Path) -> Weights:
     """Read a weights file. Raises CorruptWeights or InvalidSpec, which name the file."""
+    data = _read(path)
     try:
-        return load(path.read_bytes())
+        return load(data)
     except HofError as error:
-        raise type(error)(f"{path}: {error.detail}") from error
+        raise type(error)(f"{_name(path)}: {error.detail}") from error
+
+
+def _frame(weights: Weights) -> Frame:
+    """Return the frame in a weights file; measure it if the file has none."""
+    return weights.frame or measure(weights.spec, weights.theta)
 
 
 def _point_options(arguments: argparse.Namespace) -> tuple[PointFormat, PointOptions]:
     """Return the format that the output's suffix names, and the points to compute. Raises InvalidParameter."""
-    fmt = _format(arguments.output, POINT_FORMATS)
+    fmt = _format(arguments, POINT_FORMATS)
     options = _options(arguments, PointOptions)
     check_size(fmt, options.n, POINTS_CEILING)
     return fmt, options
 
 
-def _format(path: Path, formats: Mapping[str, Format]) -> Format:
-    """Return the format with the suffix of a file. Raises InvalidParameter."""
-    suffixes = {fmt.extension: fmt for fmt in formats.values()}
-    if path.suffix not in suffixes:
-        raise InvalidParameter(f"{path}: no format has the suffix {path.suffix!r}; use one of {', '.join(suffixes)}")
-    return suffixes[path.suffix]
+def _suffix(arguments: argparse.Namespace) -> str:
+    """Return the suffix of the output's format, in lower case: that of --format, else that of the file."""
+    suffix: str = f".{arguments.format}" if arguments.format else arguments.output.suffix
+    return suffix.lower()
 
 
-def _write_points(arguments: argparse.Namespace, spec: MappingSpec, functions: Functions) -> None:
+def _format(arguments: argparse.Namespace, formats: Mapping[str, Format]) -> Format:
+    """Return the format that --format or the suffix of the output names. Raises InvalidParameter."""
+    suffixes, suffix = {fmt.extension: fmt for fmt in formats.values()}, _suffix(arguments)
+    if arguments.output == STDIO and not arguments.format:
+        names = ", ".join(each.removeprefix(".") for each in suffixes)
+        raise InvalidParameter(f"stdout has no suffix: name the format with --format, one of {names}")
+    if suffix not in suffixes:
+        message = f"no format has the suffix {suffix!r}; use one of {', '.join(suffixes)}"
+        raise InvalidParameter(f"{arguments.output}: {message}")
+    return suffixes[suffix]
+
+
+def _write_points(arguments: argparse.Namespace, spec: MappingSpec, functions: Functions, frame: Frame) -> int:
+    """Write the points, and return their number."""
     fmt, options = _point_options(arguments)
-    cloud = cloud_of(spec, functions, options)
+    cloud = cloud_of(spec, functions, frame, options)
     _write(arguments.output, write(fmt.holding(color=cloud.functions.color is not None), cloud))
+    return options.n
 
 
-def _write_sheet(arguments: argparse.Namespace, spec: MappingSpec, thetas: Sequence[Array]) -> None:
-    """Draw the words over A and B; `thetas` are those of A and B, (spec.size,) each."""
+def _write_sheet(arguments: argparse.Namespace, spec: MappingSpec, letters: Sequence[Functions]) -> None:
+    """Draw the words over A and B, each in its own frame, and in color if A or B has color."""
     options = _options(arguments, PointOptions)
     if options.n > MAX_POINTS:
         raise InvalidParameter(f"n is {options.n}; a picture shows at most {MAX_POINTS} points per word", field="n")
     if options.scale != 1:
         raise InvalidParameter(f"scale is {options.scale:g}; a picture has no scale, leave it out", field="scale")
 
-    def points(word: str) -> Array:
-        functions = tuple(thetas["AB".index(letter)] for letter in word)
-        return Sampler(spec.with_k(len(word)), functions).points(
-            options.n, seed=options.seed, sampling=options.sampling
-        )
+    def cell(word: str) -> Cell:
+        functions = joined([letters["AB".index(letter)] for letter in word])
+        spelled, n, seed, sampling = spec.with_k(len(word)), options.n, options.seed, options.sampling
+        frame = measure(spelled, functions.theta) if options.frame == "object" else None
+        sampler = Sampler(spelled, tuple(functions.theta), frame)
+        color = ColorSampler(functions.color) if functions.color and options.color == "auto" else None
+        colors = color.colors(n, seed=seed, sampling=sampling) if color else None
+        return label(word, spec.k), sampler.points(n, seed=seed, sampling=sampling), colors
 
-    rows = [[(label(word, spec.k), points(word)) for word in row] for row in rows_of_words(spec.k)]
+    rows = [[cell(word) for word in row] for row in rows_of_words(spec.k)]
     names = (f"{letter}: {path.stem}" for letter, path in zip("AB", arguments.weights, strict=True))
     file = io.BytesIO()
     sheet(rows, ", ".join(names)).save(file, "PNG", optimize=True)
     _write(arguments.output, [file.getvalue()])
 
 
+def _read(path: Path) -> bytes:
+    return sys.stdin.buffer.read() if path == STDIO else path.read_bytes()
+
+
+def _name(path: Path) -> str:
+    """Return a file's name for messages."""
+    return "-" if path == STDIO else str(path)
+
+
 def _write(path: Path, pieces: Iterable[bytes]) -> None:
+    if path == STDIO:
+        sys.stdout.buffer.writelines(pieces)
+        sys.stdout.buffer.flush()
+        return
     with whole_file(path) as file:
         file.writelines(pieces)

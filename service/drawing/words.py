@@ -6,9 +6,9 @@ from typing import Final
 from PIL import Image, ImageDraw, ImageFont
 
 from service.drawing.cloud import draw
-from service.mapping.spec import Array
+from service.mapping.spec import Array, Colors
 
-Cell = tuple[str, Array]  # label, points (n, 3)
+Cell = tuple[str, Array, Colors | None]  # label, points (n, 3), their colors (n, 3) if they have any
 
 CELL: Final = 320  # side of a cell, pixels
 LABEL: Final = 28  # height of a label, pixels
@@ -43,8 +43,8 @@ def sheet(rows: Sequence[Sequence[Cell]], title: str = "", cell: int = CELL) -> 
     pen = ImageDraw.Draw(image)
     pen.text((8, 6), title, "black", font)
     for row in rows:
-        for column, (text, points) in enumerate(row):
+        for column, (text, points, colors) in enumerate(row):
             pen.text((column * cell + 8, top + 6), text, "black", font)
-            image.paste(Image.fromarray(draw(points, cell)), (column * cell, top + LABEL))
+            image.paste(Image.fromarray(draw(points, cell, colors=colors)), (column * cell, top + LABEL))
         top += LABEL + cell
     return image

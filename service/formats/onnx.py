@@ -1,4 +1,4 @@
-"""A mapping function as an ONNX file: x (n, input_dim) -> points (n, 3), all k applications included.
+"""A mapping function as an ONNX file: x (n, input_dim) -> points (n, 3), all k applications and the frame included.
 
 An ONNX file is one Protocol Buffers message: fields, each with a number, a wire type and a value
 (https://protobuf.dev/programming-guides/encoding). The few fields that the graph needs, numbered as in ONNX's
@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 
+from service.mapping.frame import Frame
 from service.mapping.spec import Array, MappingSpec, layers, word_of
 
 IR_VERSION: Final = 8
@@ -21,24 +22,25 @@ VARINT, BYTES = 0, 2  # wire types
 Field = tuple[int, int | str | bytes]
 
 
-def dump(spec: MappingSpec, theta: Array, metadata: Mapping[str, str]) -> bytes:
+def dump(spec: MappingSpec, theta: Array, metadata: Mapping[str, str], frame: Frame | None = None) -> bytes:
     """Write the file of f^k, or of a word.
 
     Parameters
     ----------
     theta : float32 (spec.size,), or (spec.k, spec.size) for a word.
     metadata : written to the model's `metadata_props`.
+    frame : the object's box, which the file centers and scales to length 1; None for the function's own numbers.
     """
     return _message(
         (1, IR_VERSION),
         (2, "hof"),  # producer_name
-        (7, _graph(spec, theta)),
+        (7, _graph(spec, theta, frame)),
         (8, _message((1, ""), (2, OPSET))),  # opset_import: domain, version
         *((14, _message((1, key), (2, value))) for key, value in metadata.items()),
     )
 
 
-def _graph(spec: MappingSpec, theta: Array) -> bytes:
+def _graph(spec: MappingSpec, theta: Array, frame: Frame | None) -> bytes:
     nodes: list[bytes] = []
     tensors: dict[str, bytes] = {}
     names: dict[bytes, str] = {}  # in a word AAB, the tensors of A are stored once
@@ -53,7 +55,12 @@ def _graph(spec: MappingSpec, theta: Array) -> bytes:
             if layer < len(spec.shapes):
                 source = f"{result}.{spec.activation}"
                 nodes.append(_node(spec.activation.capitalize(), [result], source))
-    nodes.append(_node("Identity", [source], "points"))
+    if frame:
+        tensors |= {"center": _tensor("center", frame.center), "factor": _tensor("factor", np.array([frame.factor()]))}
+        nodes.append(_node("Sub", [source, "center"], "centered"))
+        nodes.append(_node("Mul", ["centered", "factor"], "points"))
+    else:
+        nodes.append(_node("Identity", [source], "points"))
     return _message(
         *((1, node) for node in nodes),
         (2, "mapping function"),

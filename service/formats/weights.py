@@ -3,8 +3,8 @@
 A safetensors file is a uint64 header length, a JSON header and the bytes of the tensors
 (https://huggingface.co/docs/safetensors). Ours has a tensor "theta" and its spec in the metadata. A composed object
 has a theta of k rows, and "word" in the metadata names the object of each row. An object with a color has a tensor
-"color", and its spec is "color_spec" in the metadata. The safetensors library sets no limit on what it parses and
-reads metadata from named files only, so both directions are written here.
+"color", and its spec is "color_spec" in the metadata. "frame" in the metadata is the object's box. The safetensors
+library sets no limit on what it parses and reads metadata from named files only, so both directions are written here.
 """
 
 import io
@@ -20,6 +20,7 @@ import numpy as np
 
 from service.errors import CorruptWeights, InvalidParameter
 from service.formats import onnx
+from service.mapping.frame import Frame
 from service.mapping.spec import Array, Color, Functions, MappingSpec, check_color_spec
 
 WeightFormatName = Literal["safetensors", "npy", "json", "onnx"]
@@ -42,6 +43,7 @@ class Weights:
     model : name of the encoder that computed theta.
     word : names of the objects of a composed object's rows; empty for any other object.
     color : None if the object has no color.
+    frame : the object's box in the function's own numbers; None if it was not measured.
     """
 
     spec: MappingSpec
@@ -49,6 +51,7 @@ class Weights:
     model: str
     word: tuple[str, ...] = ()
     color: Color | None = None
+    frame: Frame | None = None
 
     @property
     def functions(self) -> Functions:
@@ -59,6 +62,8 @@ class Weights:
     def labels(self) -> dict[str, str]:
         """Metadata of the file as text: everything but the numbers and the color's spec."""
         labels = {"format": FORMAT, "model": self.model, "spec": self.spec.to_json()}
+        if self.frame:
+            labels["frame"] = self.frame.to_json()
         return labels | {"format": WORD_FORMAT, "word": json.dumps(self.word)} if self.word else labels
 
 
@@ -81,9 +86,10 @@ WEIGHT_FORMATS: Final[Mapping[WeightFormatName, WeightFormat]] = {
 def dump(weights: Weights, format: WeightFormatName) -> bytes:  # noqa: A002 - the name in the API
     """Write the whole file. Equal weights give equal bytes.
 
-    `npy` holds theta alone, little-endian float32. `json` has the keys format, model, spec, word (for a composed
-    object), theta, color_spec and color (if the object has a color); its numbers restore the same float32.
-    `onnx` is the whole function, x -> points, without color.
+    `npy` holds theta alone, little-endian float32. `json` has the keys format, model, spec, frame (if it was
+    measured), word (for a composed object), theta, color_spec and color (if the object has a color); its numbers
+    restore the same float32. `onnx` is the whole function, x -> points, without color; with a frame, its points are in
+    the object frame.
 
     Raises
     ------
@@ -102,6 +108,8 @@ def dump(weights: Weights, format: WeightFormatName) -> bytes:  # noqa: A002 - t
                 detail = f"the object has {count} numbers, JSON holds at most {MAX_JSON_NUMBERS}: use safetensors"
                 raise InvalidParameter(detail, field="format")
             fields: dict[str, Any] = {**weights.labels, "spec": asdict(weights.spec), "theta": weights.theta.tolist()}
+            if weights.frame:
+                fields["frame"] = asdict(weights.frame)
             if weights.word:
                 fields["word"] = weights.word
             if weights.color:
@@ -109,7 +117,7 @@ def dump(weights: Weights, format: WeightFormatName) -> bytes:  # noqa: A002 - t
             return json.dumps(fields, separators=(",", ":")).encode("ascii")
         case "onnx":
             labels = {f"hof.{key}": text for key, text in weights.labels.items() if key != "format"}
-            return onnx.dump(weights.spec, weights.theta, labels)
+            return onnx.dump(weights.spec, weights.theta, labels, weights.frame)
 
 
 def load(data: bytes) -> Weights:
@@ -135,7 +143,8 @@ def load(data: bytes) -> Weights:
     color_spec = _color_spec(metadata["color_spec"], spec) if "color_spec" in metadata else None
     arrays = _arrays(header, payload, list(_tensors(spec, color_spec, bool(word))))
     color = Color(color_spec, arrays["color"]) if color_spec else None
-    return Weights(spec, arrays["theta"], model, word, color)
+    frame = Frame.from_json(metadata["frame"]) if "frame" in metadata else None
+    return Weights(spec, arrays["theta"], model, word, color, frame)
 
 
 def _color_spec(text: object, spec: MappingSpec) -> MappingSpec:

@@ -4,9 +4,11 @@ This package needs NumPy and nothing of the service but its errors. A library us
 project imports from the modules.
 """
 
+from service.mapping.box import measure
 from service.mapping.canonical import Sampling, canonical_points
 from service.mapping.cloud import Cloud
 from service.mapping.color import ColorSampler
+from service.mapping.frame import Frame
 from service.mapping.sampler import Sampler, sample
 from service.mapping.spec import (
     DOMAIN_DIMS,
@@ -40,6 +42,7 @@ __all__ = [
     "ColorSampler",
     "Colors",
     "Domain",
+    "Frame",
     "Functions",
     "MappingSpec",
     "Sampler",
@@ -51,6 +54,7 @@ __all__ = [
     "initial_theta",
     "joined",
     "layers",
+    "measure",
     "power",
     "sample",
     "surface_of",

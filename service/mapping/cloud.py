@@ -9,10 +9,10 @@ import numpy as np
 
 from service.mapping.canonical import Sampling, check_range
 from service.mapping.color import ColorSampler
-from service.mapping.sampler import CHUNK, SCALES, Sampler
+from service.mapping.frame import Frame
+from service.mapping.sampler import CHUNK, Sampler
 from service.mapping.spec import Array, Colors, Functions, MappingSpec, word_of
 
-PROBE_POINTS: Final = 4096  # points sampled from a new object, to check that its values are finite
 FIRST_PART: Final = CHUNK // 16  # points; few, so that the first byte is sent early
 PART: Final = CHUNK  # points
 
@@ -27,6 +27,7 @@ class Cloud:
     ----------
     spec, functions : the object.
     n, seed, offset, scale, sampling : as in `Sampler.points`.
+    frame : as in `Sampler`.
 
     Raises
     ------
@@ -40,6 +41,7 @@ class Cloud:
     offset: int = 0
     scale: float = 1.0
     sampling: Sampling = "uniform"
+    frame: Frame | None = None
 
     def __post_init__(self) -> None:
         check_range(self.n, self.seed, self.offset, self.sampling)
@@ -47,7 +49,7 @@ class Cloud:
     @cached_property
     def sampler(self) -> Sampler:
         """The object's functions, packed once for all parts."""
-        return Sampler(self.spec, word_of(self.spec, self.functions.theta))
+        return Sampler(self.spec, word_of(self.spec, self.functions.theta), self.frame)
 
     @cached_property
     def color_sampler(self) -> ColorSampler:
@@ -64,7 +66,7 @@ class Cloud:
             start, size = start + size, PART
 
     def points(self, part: Part) -> Array:
-        """Compute the points of a part, (count, 3) float32, object frame times `scale` (paper, eq. 4)."""
+        """Compute the points of a part, (count, 3) float32, in the frame and times `scale` (paper, eq. 4)."""
         start, count = part
         offset = self.offset + start
         return self.sampler.points(count, seed=self.seed, offset=offset, scale=self.scale, sampling=self.sampling)
@@ -73,20 +75,6 @@ class Cloud:
         """Compute the colors of a part's points, (count, 3) uint8, sRGB."""
         start, count = part
         return self.color_sampler.colors(count, seed=self.seed, offset=self.offset + start, sampling=self.sampling)
-
-
-def check_finite(spec: MappingSpec, functions: Functions) -> None:
-    """Sample `PROBE_POINTS` points of an object at the largest scale, and their colors.
-
-    Raises
-    ------
-    CorruptWeights : a value exceeds float32.
-    """
-    cloud = Cloud(spec, functions, PROBE_POINTS, scale=SCALES[1])
-    for part in cloud.parts():
-        cloud.points(part)  # the sampler raises
-        if functions.color:
-            cloud.colors(part)
 
 
 def bounds(chunks: Iterable[Array]) -> tuple[Array, Array]:

@@ -15,6 +15,7 @@ import numpy as np
 from service.errors import CorruptWeights, InvalidParameter
 from service.mapping.canonical import Sampling, check_range, span
 from service.mapping.folding import FoldedWord, buffer, pack_distinct
+from service.mapping.frame import Frame
 from service.mapping.spec import Array, MappingSpec, layers
 
 TILE: Final = 512  # points
@@ -31,6 +32,7 @@ class Sampler:
     ----------
     spec : the mapping functions' common shape.
     word : spec.k thetas of (spec.size,) float32; ``[theta] * spec.k`` for an encoded object.
+    frame : the object's box, which is centered and scaled to length 1; None for the function's own numbers.
 
     Attributes
     ----------
@@ -42,25 +44,26 @@ class Sampler:
     InvalidSpec : a theta does not fit the spec.
     """
 
-    def __init__(self, spec: MappingSpec, word: Sequence[Array]) -> None:
+    def __init__(self, spec: MappingSpec, word: Sequence[Array], frame: Frame | None = None) -> None:
         if len(word) != spec.k:
             raise InvalidParameter(f"the word has {len(word)} functions, {spec.name} needs k = {spec.k}", field="word")
         self.domain: Final = spec.domain
+        self._frame = frame
         self._function = FoldedWord(spec, word) if spec.is_one_relu_layer else _Tiles(spec, word)
 
     def points(
         self, n: int, *, seed: int = 0, offset: int = 0, scale: float = 1.0, sampling: Sampling = "uniform"
     ) -> Array:
-        """Compute points of the object: ``scale * word[0](word[1](... word[-1](x)))`` (paper, eq. 4 and 5).
+        """Compute points of the object: ``word[0](word[1](... word[-1](x)))`` (paper, eq. 4 and 5), framed and scaled.
 
         Parameters
         ----------
         n, seed, offset, sampling : as in `canonical_points`.
-        scale : length of the object's longest side, in any unit.
+        scale : length of the longest side of the object's box, in any unit; without a frame, a factor.
 
         Returns
         -------
-        (n, 3) float32, object frame.
+        (n, 3) float32, object frame; without a frame, the function's own numbers times `scale`.
 
         Raises
         ------
@@ -98,7 +101,10 @@ class Sampler:
         x, first, selected = canonical
         with np.errstate(over="ignore", invalid="ignore"):  # checked below, once
             mapped = self._function.map(x, first)[:, selected]
-            points: Array = np.multiply(mapped.T, np.float32(scale), order="C")
+            if self._frame:
+                mapped -= self._frame.center[:, None]
+            factor = self._frame.factor(scale) if self._frame else np.float32(scale)
+            points: Array = np.multiply(mapped.T, factor, order="C")
         if not np.isfinite(points).all():
             raise CorruptWeights("the mapping function's values exceed float32", field="theta")
         return points

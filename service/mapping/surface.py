@@ -54,7 +54,7 @@ def surface_of(
     ----------
     sampler : the object.
     resolution : the surface has 20 resolution^2 triangles before any are cut out.
-    scale : length of the object's longest side, in any unit.
+    scale : as in `Sampler.points`.
     color : colors of the vertices; None for a surface without colors.
 
     Raises

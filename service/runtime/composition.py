@@ -5,7 +5,7 @@ A word of a k-mapping names k objects of one spec. ``("A", "B")`` is f_A(f_B(x))
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from typing import Final, Literal
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from service.errors import CorruptWeights, InvalidParameter
 from service.formats.weights import MAX_LABEL
-from service.mapping.cloud import check_finite
+from service.mapping.box import examine
 from service.mapping.spec import Array, Color, Functions, MappingSpec, joined
 from service.storage.ids import composed_id, interpolated_id
 from service.storage.store import Record
@@ -107,14 +107,20 @@ def propose(members: Sequence[tuple[Record, Functions]], mode: Mode) -> list[Pro
     return [_composed(word) for word in itertools.product(members, repeat=members[0][0].spec.k)]
 
 
-def check_proposals(proposals: Sequence[Proposal]) -> None:
-    """Raise InvalidParameter if points of an object exceed float32. A word may, even if its functions do not."""
+def examined(proposals: Sequence[Proposal]) -> list[Proposal]:
+    """Return the proposals with their frames.
+
+    Raises InvalidParameter if points of an object exceed float32. A word's may, even if those of its functions do not.
+    """
+    measured = []
     for proposal in proposals:
         try:
-            check_finite(proposal.record.spec, proposal.functions)
+            frame = examine(proposal.record.spec, proposal.functions)
+            measured.append(replace(proposal, record=replace(proposal.record, frame=frame)))
         except CorruptWeights as error:
             members = ", ".join(proposal.record.members)
             raise InvalidParameter(f"the points of {members} together exceed float32", field="objects") from error
+    return measured
 
 
 def _composed(word: Sequence[tuple[Record, Functions]]) -> Proposal:

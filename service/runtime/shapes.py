@@ -2,10 +2,11 @@
 
 from service.mapping.cloud import Cloud
 from service.mapping.color import ColorSampler
+from service.mapping.frame import Frame
 from service.mapping.sampler import Sampler
 from service.mapping.spec import Functions, MappingSpec, word_of
 from service.mapping.surface import Surface, surface_of
-from service.options import ColorChoice, MeshOptions, PointOptions
+from service.options import ColorChoice, FrameChoice, MeshOptions, PointOptions
 
 
 def functions_for(functions: Functions, color: ColorChoice, *, holds_color: bool = True) -> Functions:
@@ -13,7 +14,7 @@ def functions_for(functions: Functions, color: ColorChoice, *, holds_color: bool
     return functions if color == "auto" and holds_color else Functions(functions.theta)
 
 
-def cloud_of(spec: MappingSpec, functions: Functions, options: PointOptions) -> Cloud:
+def cloud_of(spec: MappingSpec, functions: Functions, frame: Frame, options: PointOptions) -> Cloud:
     """Return the cloud of an object, of which nothing is computed yet. Raises InvalidParameter."""
     return Cloud(
         spec,
@@ -23,16 +24,22 @@ def cloud_of(spec: MappingSpec, functions: Functions, options: PointOptions) -> 
         options.offset,
         options.scale,
         options.sampling,
+        _frame_for(frame, options.frame),
     )
 
 
-def mesh_of(spec: MappingSpec, functions: Functions, options: MeshOptions) -> Surface:
+def mesh_of(spec: MappingSpec, functions: Functions, frame: Frame, options: MeshOptions) -> Surface:
     """Compute the surface of an object, with colors if `functions` has them: see `functions_for`.
 
     Raises
     ------
     CorruptWeights : the values of the functions exceed float32.
     """
-    sampler = Sampler(spec, word_of(spec, functions.theta))
+    sampler = Sampler(spec, word_of(spec, functions.theta), _frame_for(frame, options.frame))
     color = ColorSampler(functions.color) if functions.color else None
     return surface_of(sampler, options.resolution, options.scale, color)
+
+
+def _frame_for(frame: Frame, choice: FrameChoice) -> Frame | None:
+    """Return the frame to compute in: None for the function's own numbers."""
+    return frame if choice == "object" else None

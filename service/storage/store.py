@@ -13,10 +13,12 @@ from functools import lru_cache, partial
 from typing import Any, Final, Literal
 
 import numpy as np
-from sqlalchemy import Connection, Row, bindparam, select
+from sqlalchemy import Connection, Row, bindparam, func, select
 from sqlalchemy.exc import IntegrityError
 
+from service.encoding.report import ImageReport
 from service.errors import InUse, NotFound, StoreUnavailable, UnreachableStore
+from service.mapping.frame import Frame
 from service.mapping.spec import CACHED_SPECS, Array, Color, Functions, MappingSpec, joined
 from service.settings import DATABASE_CONNECTIONS, DATABASE_TIMEOUT_S
 from service.storage.cursors import decode_cursor, encode_cursor
@@ -44,6 +46,8 @@ class Record:
     model : name of the model that produced its theta.
     members : ids of the objects it was made from: a composed object's word, an interpolated object's parents.
     color_spec : spec of its color function; None without color.
+    frame : its box; None if an older version of hof stored it and nobody has read it since.
+    image : report on the photo it was encoded from; None if there was none, or if an older version stored it.
     """
 
     id: str
@@ -53,6 +57,8 @@ class Record:
     created_at: datetime
     members: tuple[str, ...] = ()
     color_spec: MappingSpec | None = None
+    frame: Frame | None = None
+    image: ImageReport | None = None
 
 
 class Store:
@@ -153,6 +159,18 @@ class Store:
         if object_id not in records:
             raise NotFound(f"no object has the id {object_id}")
         return records[object_id]
+
+    async def complete(self, object_id: str, frame: Frame, image: ImageReport | None = None) -> Record:
+        """Keep what an object of an older version lacks: its frame, and a report on its photo. Return the record.
+
+        Of concurrent calls the first one counts. Raises NotFound and StoreFull.
+        """
+        values = {"frame": func.coalesce(objects.c.frame, frame.to_bytes())}
+        if image:
+            values["image"] = func.coalesce(objects.c.image, image.to_json())
+        query = objects.update().where(objects.c.id == object_id).values(values)
+        await self._run(lambda connection: connection.execute(query))
+        return await self.record(object_id)
 
     async def records(self, ids: Sequence[str]) -> dict[str, Record]:
         """Return the objects that exist among `ids`, by id, without their functions."""
@@ -268,6 +286,8 @@ def _insert(connection: Connection, record: Record, functions: Functions | None)
         "theta": _bytes(functions.theta) if functions else None,
         "color": _bytes(color.weights) if color else None,
         "color_spec": record.color_spec.to_json() if record.color_spec else None,
+        "frame": record.frame.to_bytes() if record.frame else None,
+        "image": record.image.to_json() if record.image else None,
     }
     connection.execute(objects.insert(), values)
     if record.kind == "composed":
@@ -282,7 +302,9 @@ def _record(row: Row[Any]) -> Record:
     created_at = row.created_at.replace(tzinfo=UTC)  # SQLite drops the zone, which is always UTC
     spec, members = _spec(row.spec), tuple(row.members.split())
     color_spec = _spec(row.color_spec) if row.color_spec else None
-    return Record(row.id, row.kind, row.model, spec, created_at, members, color_spec)
+    frame = Frame.from_bytes(row.frame) if row.frame else None
+    image = ImageReport.from_json(row.image) if row.image else None
+    return Record(row.id, row.kind, row.model, spec, created_at, members, color_spec, frame, image)
 
 
 def _functions(row: Row[Any]) -> Functions:

@@ -16,9 +16,9 @@ from service.api.responses import BODY_STALLED, OVERLOADED, ComposedObjects, Pro
 from service.api.wire.disconnects import while_connected
 from service.api.wire.uploads import read_body
 from service.errors import InvalidInput, NotFound
-from service.mapping.cloud import PROBE_POINTS
+from service.mapping.box import PROBE_POINTS
 from service.mapping.spec import Functions
-from service.runtime.composition import Proposal, check_proposals, check_records, propose
+from service.runtime.composition import Proposal, check_records, examined, propose
 from service.runtime.cost import check_cost, cost_of
 from service.runtime.parts import Runtime
 from service.storage.ids import is_id
@@ -126,5 +126,7 @@ async def _keep(
     n = PROBE_POINTS * len(fresh)
     check_cost(n, cost, runtime.settings.max_points, "objects")
     with runtime.gates.points.admit(n * cost):
-        await while_connected(request, runtime.run(check_proposals, fresh))
-    return await runtime.store.put_all([(proposal.record, proposal.own) for proposal in proposals])
+        measured = await while_connected(request, runtime.run(examined, fresh))
+    records = {proposal.record.id: proposal.record for proposal in measured}
+    pairs = [(records.get(proposal.record.id, proposal.record), proposal.own) for proposal in proposals]
+    return await runtime.store.put_all(pairs)

@@ -29,8 +29,11 @@ from service.api.wire.disconnects import while_connected
 from service.api.wire.uploads import read_image
 from service.encoding.encoder import Encoder
 from service.encoding.framing import Framed, preprocess
+from service.encoding.report import ImageReport
+from service.mapping.box import measure
+from service.mapping.frame import Frame as ObjectFrame
 from service.mapping.spec import Functions
-from service.runtime.batcher import Batcher
+from service.runtime.frames import completed
 from service.runtime.parts import Runtime
 from service.storage.ids import encoded_id
 from service.storage.store import Record
@@ -98,8 +101,8 @@ async def encode(
         image = await read_image(request, max_bytes, upload)
         frame = partial(runtime.run, preprocess, image, framing, query.background, max_pixels, runtime.matting)
         if not query.store:
-            framed, functions = await while_connected(request, _encode(frame, runtime.batchers[encoder.name]))
-            return EncodedWeights.of(encoder.name, encoder.spec, functions, framed)
+            framed, functions, box = await while_connected(request, _encode(frame, runtime, encoder))
+            return EncodedWeights.of(encoder.name, encoder.spec, functions, box, framed)
         work = _look_up_or_encode(frame, runtime, encoder, image, framing.foreground_ratio)
         framed, record, functions, is_stored = await while_connected(request, work)
         record, is_new = (record, False) if is_stored else await runtime.store.put(record, functions)
@@ -111,9 +114,15 @@ async def encode(
     return answer
 
 
-async def _encode(frame: Frame, batcher: Batcher) -> tuple[Framed, Functions]:
+async def _encode(frame: Frame, runtime: Runtime, encoder: Encoder) -> tuple[Framed, Functions, ObjectFrame]:
     framed = await frame()
-    return framed, await batcher.encode(framed.tensor)
+    return framed, *await _functions(runtime, encoder, framed)
+
+
+async def _functions(runtime: Runtime, encoder: Encoder, framed: Framed) -> tuple[Functions, ObjectFrame]:
+    """Return the functions of a framed image, and the box that they fill."""
+    functions = await runtime.batchers[encoder.name].encode(framed.tensor)
+    return functions, await runtime.run(measure, encoder.spec, functions.theta)
 
 
 async def _look_up_or_encode(
@@ -126,8 +135,20 @@ async def _look_up_or_encode(
         models.append(runtime.matting.digest)
     object_id = encoded_id(image, framed.mask, foreground_ratio, *models)
     match = await runtime.store.find(object_id)
+    report = ImageReport.of(framed)
     if match is not None:
-        return framed, *match, True
-    functions = await runtime.batchers[encoder.name].encode(framed.tensor)
-    record = Record(object_id, "encoded", encoder.name, encoder.spec, datetime.now(UTC), color_spec=encoder.color_spec)
+        record, functions = match
+        record, _ = await completed(runtime, record, report)
+        return framed, record, functions, True
+    functions, box = await _functions(runtime, encoder, framed)
+    record = Record(
+        object_id,
+        "encoded",
+        encoder.name,
+        encoder.spec,
+        datetime.now(UTC),
+        color_spec=encoder.color_spec,
+        frame=box,
+        image=report,
+    )
     return framed, record, functions, False

@@ -25,8 +25,10 @@ from service.api.wire.disconnects import while_connected
 from service.api.wire.uploads import read_body
 from service.errors import InvalidParameter
 from service.formats.weights import Weights, load
-from service.mapping.cloud import PROBE_POINTS, check_finite
+from service.mapping.box import PROBE_POINTS, examine
+from service.mapping.frame import Frame
 from service.runtime.cost import cost_of
+from service.runtime.frames import completed
 from service.storage.ids import imported_id
 from service.storage.store import Record
 
@@ -68,8 +70,9 @@ async def import_object(
         weights = await while_connected(request, runtime.run(_load_one_function, body))
         spec, functions = weights.spec, weights.functions
         with gates.points.admit(PROBE_POINTS * cost_of(spec, functions)):
-            await while_connected(request, runtime.run(check_finite, spec, functions))
-        record, is_new = await runtime.store.put(_record(weights), functions)
+            frame = await while_connected(request, runtime.run(examine, spec, functions))
+        record, is_new = await runtime.store.put(_record(weights, frame), functions)
+        record, _ = await completed(runtime, record)
     answer = StoredObject.of(record, runtime.settings.root_path)
     if is_new:
         response.status_code = 201
@@ -85,7 +88,7 @@ def _load_one_function(body: bytes) -> Weights:
     return weights
 
 
-def _record(weights: Weights) -> Record:
+def _record(weights: Weights, frame: Frame) -> Record:
     color_spec = weights.color.spec if weights.color else None
     id_ = imported_id(weights.spec, weights.functions)
-    return Record(id_, "imported", weights.model, weights.spec, datetime.now(UTC), color_spec=color_spec)
+    return Record(id_, "imported", weights.model, weights.spec, datetime.now(UTC), color_spec=color_spec, frame=frame)

@@ -11,9 +11,11 @@ from service.api.queries import MeshQuery
 from service.api.routes.file_answers import NOT_ACCEPTABLE, FileAnswer, file_responses, format_of
 from service.api.wire.disconnects import while_connected
 from service.formats.mesh.registry import MESH_FORMATS, MeshFormat
+from service.mapping.frame import Frame
 from service.mapping.spec import Functions, MappingSpec
 from service.options import MeshOptions
 from service.runtime.cost import check_cost, cost_of
+from service.runtime.frames import completed
 from service.runtime.shapes import functions_for, mesh_of
 
 router = APIRouter(prefix="/objects", tags=["objects"])
@@ -29,7 +31,7 @@ async def mesh(
 ) -> Response:
     """Compute the object's surface: triangles of the canonical domain through f^k, with normals.
 
-    Every format uses the object frame (+Y up, front +Z, longest side 1). Vertices have colors if the object has
+    Every format uses the object frame (+Y up, front +Z, longest side `scale`). Vertices have colors if the object has
     colors and the format holds them.
 
     The surface is for display, not a closed solid: it is open where f tears parts apart, and a solid domain gives
@@ -37,16 +39,17 @@ async def mesh(
     """
     fmt = format_of(request, query.format, MESH_FORMATS)
     record, functions = await runtime.store.get(id_)
+    record, frame = await completed(runtime, record)
     functions = functions_for(functions, query.color, holds_color=fmt.holds_color)
     n, cost = 20 * query.resolution**2, cost_of(record.spec, functions)
     check_cost(n, cost, runtime.settings.max_points, "resolution")
-    answer = FileAnswer(id_, fmt, "mesh", fmt.name, query.model_dump(exclude={"format"}), vary="Accept")
+    answer = FileAnswer(id_, fmt, "mesh", fmt.name, query.model_dump(exclude={"format"}), frame, vary="Accept")
     if response := answer.without_file(request):
         return response
     with runtime.gates.points.admit(n * cost):
-        work = runtime.run(_mesh_file, fmt, record.spec, functions, query)
+        work = runtime.run(_mesh_file, fmt, record.spec, functions, frame, query)
         return answer.with_file(await while_connected(request, work))
 
 
-def _mesh_file(fmt: MeshFormat, spec: MappingSpec, functions: Functions, options: MeshOptions) -> bytes:
-    return fmt.dump(mesh_of(spec, functions, options))
+def _mesh_file(fmt: MeshFormat, spec: MappingSpec, functions: Functions, frame: Frame, options: MeshOptions) -> bytes:
+    return fmt.dump(mesh_of(spec, functions, frame, options))

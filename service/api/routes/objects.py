@@ -6,7 +6,8 @@ from fastapi import APIRouter, Query
 
 from service.api.dependencies import ObjectId, ReadyRuntime
 from service.api.queries import NoQuery, PageQuery
-from service.api.responses import OBJECT_NOT_FOUND, ObjectPage, Problem, StoredObject
+from service.api.responses import OBJECT_NOT_FOUND, OVERLOADED, ObjectPage, Problem, StoredObject
+from service.runtime.frames import completed
 
 router = APIRouter(prefix="/objects", tags=["objects"])
 
@@ -19,10 +20,11 @@ async def page_of_objects(query: Annotated[PageQuery, Query()], runtime: ReadyRu
     return ObjectPage(items=items, next=cursor, limit=query.limit)
 
 
-@router.get("/{id}", responses=OBJECT_NOT_FOUND)
+@router.get("/{id}", responses=OBJECT_NOT_FOUND | {429: OVERLOADED})
 async def one_object(id_: ObjectId, query: Annotated[NoQuery, Query()], runtime: ReadyRuntime) -> StoredObject:
     """Return one object."""
-    return StoredObject.of(await runtime.store.record(id_), runtime.settings.root_path)
+    record, _ = await completed(runtime, await runtime.store.record(id_))
+    return StoredObject.of(record, runtime.settings.root_path)
 
 
 @router.delete(

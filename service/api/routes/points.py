@@ -13,6 +13,7 @@ from service.api.wire.caching import accepts_gzip
 from service.api.wire.disconnects import AdmittedStream
 from service.formats.points.registry import POINT_FORMATS
 from service.runtime.cost import check_cost, check_size, cost_of, in_flight
+from service.runtime.frames import completed
 from service.runtime.shapes import cloud_of
 from service.runtime.streaming import gzipped, stream
 
@@ -27,7 +28,10 @@ router = APIRouter(prefix="/objects", tags=["objects"])
 async def points(
     request: Request, id_: ObjectId, query: Annotated[PointsQuery, Query()], runtime: ReadyRuntime
 ) -> Response:
-    """Sample the object: canonical points through f^k, in the object frame (+Y up, front +Z, longest side 1).
+    """Sample the object: canonical points through f^k, in the object frame (+Y up, front +Z, longest side `scale`).
+
+    The frame is that of the whole object, so all clouds of an object share it; a cloud of few points does not quite
+    reach its sides.
 
     Points have colors if the object has colors and the format holds them.
 
@@ -36,7 +40,8 @@ async def points(
     fmt, settings = format_of(request, query.format, POINT_FORMATS), runtime.settings
     check_size(fmt, query.n, settings.max_points)
     record, functions = await runtime.store.get(id_)
-    cloud = cloud_of(record.spec, functions, query)
+    record, frame = await completed(runtime, record)
+    cloud = cloud_of(record.spec, functions, frame, query)
     cost = cost_of(record.spec, cloud.functions)
     check_cost(query.n, cost, settings.max_points, "n")
     fmt = fmt.holding(color=cloud.functions.color is not None)
@@ -46,6 +51,7 @@ async def points(
         fmt,
         fmt.name,
         query.model_dump(exclude={"format"}),
+        frame,
         is_gzipped,
         vary="Accept, Accept-Encoding",
         length=fmt.length(query.n),

@@ -11,8 +11,9 @@ from service.api.queries import WeightsQuery
 from service.api.routes.file_answers import FileAnswer, file_responses
 from service.api.wire.disconnects import while_connected
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump
-from service.mapping.cloud import PROBE_POINTS
+from service.mapping.box import PROBE_POINTS
 from service.runtime.cost import cost_of
+from service.runtime.frames import completed
 
 router = APIRouter(prefix="/objects", tags=["objects"])
 
@@ -28,13 +29,15 @@ async def weights(
     """Return theta with its spec: everything needed to sample the object elsewhere.
 
     The file of a composed object holds its k thetas and its word. Of an object in color, safetensors and JSON also
-    hold the color's weights and their spec. An ONNX file is one function, x -> points, which runs anywhere.
+    hold the color's weights and their spec. An ONNX file is one function, x -> points in the object frame,
+    which runs anywhere; theta itself gives the function's own numbers, and the files carry the box (`frame`).
     """
     record, functions = await runtime.store.get(id_)
-    answer = FileAnswer(id_, WEIGHT_FORMATS[query.format], query.format)
+    record, frame = await completed(runtime, record)
+    answer = FileAnswer(id_, WEIGHT_FORMATS[query.format], query.format, frame)
     if response := answer.without_file(request):
         return response
     word = record.members if record.kind == "composed" else ()
-    content = Weights(record.spec, functions.theta, record.model, word, functions.color)
+    content = Weights(record.spec, functions.theta, record.model, word, functions.color, frame)
     with runtime.gates.points.admit(PROBE_POINTS * cost_of(record.spec, functions)):
         return answer.with_file(await while_connected(request, runtime.run(dump, content, query.format)))

@@ -10,8 +10,9 @@ from service.cli.main import main
 from service.drawing.cloud import draw
 from service.drawing.words import CELL, LABEL, label, rows_of_words, sheet
 from service.formats.weights import Weights, dump
+from service.mapping.box import measure
 from service.mapping.canonical import canonical_points
-from service.mapping.spec import MappingSpec, compose, initial_theta
+from service.mapping.spec import Color, MappingSpec, compose, initial_theta
 
 N = 2_000
 
@@ -41,11 +42,34 @@ def test_sheet_of_weights_files_shows_each_word(k: int, words: list[str], tmp_pa
         assert image.size == (len(rows[0]) * CELL, LABEL + len(rows) * (LABEL + CELL))
         for row, column in np.ndindex(len(rows), len(rows[0])):
             x = canonical_points(spec.domain, N, 3)
-            points = compose(spec, [thetas[letter] for letter in rows[row][column]], x)
+            word = [thetas[letter] for letter in rows[row][column]]
+            frame = measure(spec.with_k(len(word)), np.stack(word))
+            points = (compose(spec, word, x) - frame.center) * frame.factor()
             expected = draw(points, CELL)
             shown = np.asarray(_cell(image, row, column))
             assert (expected < 255).any()
             assert (shown == expected).mean() > 0.995, rows[row][column]  # a rounded point may fall a pixel further
+
+
+def test_sheet_of_colored_weights_files_has_their_colors(tmp_path: Path) -> None:
+    spec, color_spec = _spec(2), MappingSpec("color", 3, (4,), 3)
+    files = []
+    for name, level in (("a", (1, 0, 0)), ("b", (0, 0, 1))):
+        weights = np.zeros(color_spec.size, np.float32)
+        weights[-3:] = level  # the same color everywhere
+        files.append(str(tmp_path / f"{name}.safetensors"))
+        colored = Weights(spec, initial_theta(spec, ord(name)), "m", color=Color(color_spec, weights))
+        Path(files[-1]).write_bytes(dump(colored, "safetensors"))
+    sheets = [tmp_path / "sheet.png", tmp_path / "plain.png"]
+    assert main(["compose", *files, "-o", str(sheets[0]), "--n", str(N)]) == 0
+    assert main(["compose", *files, "-o", str(sheets[1]), "--n", str(N), "--color", "none"]) == 0
+    with Image.open(sheets[0]) as image, Image.open(sheets[1]) as plain:
+        means = {
+            word: np.asarray(_cell(image, *at)).mean(axis=(0, 1)) - np.asarray(_cell(plain, *at)).mean(axis=(0, 1))
+            for word, at in {"A": (0, 0), "B": (1, 0)}.items()
+        }
+    assert means["A"][0] > means["A"][2]
+    assert means["B"][2] > means["B"][0]
 
 
 def test_label_of_a_word_is_its_formula() -> None:
@@ -55,7 +79,7 @@ def test_label_of_a_word_is_its_formula() -> None:
 
 def test_sheet_names_cells_in_rows_of_any_length() -> None:
     point = np.zeros((1, 3), np.float32)
-    image = sheet([[("one", point)], [("two", point), ("three", point)]], cell=100)
+    image = sheet([[("one", point, None)], [("two", point, None), ("three", point, None)]], cell=100)
     assert image.size == (200, 2 * (LABEL + 100))
     ink = np.asarray(image).min(axis=2) < 255
     assert ink[:LABEL, :100].any()

@@ -48,7 +48,7 @@ def test_mesh_vertices_have_the_colors_of_their_canonical_points(colored: httpx.
     weights = load(colored.get(item["links"]["weights"]).content)
     assert weights.color
     canonical, _ = shells(weights.spec.domain, RESOLUTION)
-    mesh, levels = _read(_file(colored, item, "ply"), "ply")
+    mesh, levels = _read(_file(colored, item, "ply", frame="raw"), "ply")
     places = compose(weights.spec, word_of(weights.spec, weights.theta), canonical)
     distances, index = cKDTree(places).query(mesh.vertices)
     assert distances.max() < 1e-5

@@ -43,6 +43,16 @@ def test_onnx_of_a_word_applies_the_last_function_first() -> None:
 
 
 @pytest.mark.parametrize("spec", SPECS, ids=lambda spec: spec.name)
+def test_onnx_with_a_frame_gives_framed_points(spec: MappingSpec) -> None:
+    theta, x = initial_theta(spec, 3), canonical_points(spec.domain, 1000, 0)
+    frame = mapping.measure(spec, theta)
+    data = dump(spec, theta, {}, frame)
+    onnx.checker.check_model(onnx.load_model_from_string(data), full_check=True)
+    expected = (mapping.power(spec, theta, x) - frame.center) / frame.unit
+    np.testing.assert_allclose(_run(data, x), expected, atol=1e-5 / min(1, frame.unit))
+
+
+@pytest.mark.parametrize("spec", SPECS, ids=lambda spec: spec.name)
 def test_onnx_file_is_valid_and_has_metadata(spec: MappingSpec) -> None:
     data = dump(spec, initial_theta(spec), {"hof.model": "é 模型", "hof.spec": spec.to_json()})
     model = onnx.load_model_from_string(data)

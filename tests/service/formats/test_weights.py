@@ -14,6 +14,7 @@ from safetensors import numpy as safetensors_numpy
 
 from service.errors import CorruptWeights, InvalidParameter, InvalidSpec
 from service.formats.weights import MAX_HEADER_BYTES, MAX_JSON_NUMBERS, WEIGHT_FORMATS, Weights, dump, load
+from service.mapping.frame import Frame
 from service.mapping.spec import HOF_1, Array, MappingSpec, initial_theta
 
 TINY = MappingSpec("tiny", 3, (2,), 3, k=2)
@@ -109,6 +110,32 @@ def test_dump_of_a_composed_object_has_k_thetas_and_its_word() -> None:
     )
     np.testing.assert_array_equal(as_json["theta"], WORD.theta)
     np.testing.assert_array_equal(np.load(io.BytesIO(dump(WORD, "npy"))), WORD.theta)
+
+
+def test_load_of_a_dumped_frame_round_trips() -> None:
+    frame = Frame.of(np.array([-0.1, -1 / 3, 0], np.float32), np.array([1e-7, 2, 0], np.float32))
+    framed = Weights(TINY, THETA, "m", frame=frame)
+    assert load(dump(framed, "safetensors")).frame == frame
+    assert load(FILE).frame is None
+    assert json.loads(dump(framed, "json"))["frame"] == {"low": list(frame.low), "high": list(frame.high)}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[]",
+        "{}",
+        '{"low":[0,0],"high":[1,1]}',
+        '{"low":[0,0,2],"high":[1,1,1]}',
+        '{"low":[0,0,NaN],"high":[1,1,1]}',
+        '{"low":[0,0,0],"high":[1,1,1e99]}',
+        '{"low":[0,0,{}],"high":[1,1,1]}',
+    ],
+)
+def test_load_of_a_wrong_frame_raises_corrupt_weights(text: str) -> None:
+    with pytest.raises(CorruptWeights, match="frame"):
+        load(safetensors_numpy.save({"theta": THETA}, metadata={**METADATA, "frame": text}))
 
 
 def test_dump_as_onnx_has_metadata() -> None:

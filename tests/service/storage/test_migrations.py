@@ -19,7 +19,7 @@ from tests.support.small.store import open_store
 pytestmark = EVERY_DATABASE
 
 DATA = Path(__file__).parent / "schemas"
-HEAD = "0002"
+HEAD = "0003"
 SPEC = MappingSpec("tiny", 3, (2,), 3, k=2)
 
 

@@ -1,18 +1,22 @@
 """A database that version 0.1.0 wrote (commit 223bede, SQLite's dump) loads unchanged and gives the same points."""
 
 import asyncio
+import io
 import sqlite3
 from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
 
+import httpx
 import numpy as np
 import pytest
 
 from service.mapping.sampler import Sampler
 from service.mapping.spec import Color, Functions, MappingSpec, initial_theta, joined, word_of
+from service.settings import Settings
 from service.storage.ids import composed_id, imported_id, interpolated_id
 from service.storage.store import Record
+from tests.support.server import running
 from tests.support.small.store import open_store
 
 DUMP = Path(__file__).parent / "schemas" / "version-0.1.0.sqlite.sql"
@@ -89,17 +93,41 @@ def test_store_of_version_0_1_0_returns_the_same_bits_and_points(database_url: s
         np.testing.assert_allclose(_points(record.spec, functions), points, atol=1e-6)  # machines round differently
 
 
-def test_store_of_version_0_1_0_when_opened_is_unchanged(database_url: str) -> None:
-    """Opening it changes no row and no table: its schema is the current one."""
+def test_store_of_version_0_1_0_when_opened_keeps_its_rows(database_url: str) -> None:
+    """Opening it adds columns, and changes no value of a row; opening it again changes nothing."""
 
     async def open_and_close() -> None:
         async with open_store(database_url):
             pass
 
+    def rows() -> list[tuple[object, ...]]:
+        columns = "seq, id, kind, created_at, model, spec, members, theta, color, color_spec"
+        with closing(sqlite3.connect(database_url.removeprefix("sqlite:///"))) as connection:
+            return list(connection.execute(f"SELECT {columns} FROM objects ORDER BY seq"))
+
     def dump() -> list[str]:
         with closing(sqlite3.connect(database_url.removeprefix("sqlite:///"))) as connection:
             return list(connection.iterdump())
 
-    before = dump()
+    before = rows()
     asyncio.run(open_and_close())
-    assert dump() == before
+    assert rows() == before
+    migrated = dump()
+    asyncio.run(open_and_close())
+    assert dump() == migrated
+
+
+def test_object_of_version_0_1_0_is_measured_when_first_read(database_url: str, model_path: Path) -> None:
+    settings = Settings(model=(model_path,), database_url=database_url, threads=1)
+    with running(settings) as server, httpx.Client(base_url=f"http://127.0.0.1:{server.port}") as client:
+        listed = client.get("/objects").json()["items"]
+        assert len(listed) == len(OBJECTS)
+        assert not any("dimensions" in item or "frame" in item for item in listed)
+        points = np.load(io.BytesIO(client.get(f"{listed[0]['links']['points']}?format=npy").content))
+        for item in listed:
+            stored = client.get(item["links"]["self"]).json()
+            assert max(stored["dimensions"]) == 1
+        assert all("frame" in item for item in client.get("/objects").json()["items"])
+        again = np.load(io.BytesIO(client.get(f"{listed[0]['links']['points']}?format=npy").content))
+    np.testing.assert_array_equal(points, again)
+    assert np.ptp(points, axis=0).max() == pytest.approx(1, abs=0.05)

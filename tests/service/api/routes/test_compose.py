@@ -33,7 +33,7 @@ def _compose(client: httpx.Client, *ids: str, mode: str = "compose") -> httpx.Re
 
 
 def _points(client: httpx.Client, object_id: str, n: int = 300) -> Array:
-    answer = client.get(f"/objects/{object_id}/points", params={"n": n, "format": "npy"})
+    answer = client.get(f"/objects/{object_id}/points", params={"n": n, "format": "npy", "frame": "raw"})
     points: Array = np.load(io.BytesIO(answer.content))
     return points
 
@@ -68,11 +68,15 @@ def test_compose_returns_the_composed_object(client: httpx.Client) -> None:
         "spec": one["spec"],
         "word": [a, b],
         "bytes": 2 * 460,
+        "dimensions": item["dimensions"],
+        "frame": item["frame"],
         "links": {key: link.replace(a, item["id"]) for key, link in one["links"].items()},
     }
     assert client.get(item["links"]["self"]).json() == item
     assert client.get("/objects").json()["items"][0] == item
     assert "word" not in one
+    assert item["frame"] != one["frame"]
+    assert max(item["dimensions"]) == 1
     for link in item["links"].values():
         assert client.get(link).status_code == 200
 

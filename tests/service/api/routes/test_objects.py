@@ -15,6 +15,10 @@ def test_object_read_returns_all_its_fields(client: httpx.Client) -> None:
     answer = client.get(f"/objects/{object_id}").json()
     created = datetime.fromisoformat(answer.pop("created_at"))
     assert abs(datetime.now(UTC) - created) < timedelta(minutes=1)
+    assert max(answer.pop("dimensions")) == 1
+    assert answer.pop("frame").keys() == {"low", "high"}
+    image = answer.pop("image")
+    assert (image["mask"], image["confidence"]) == ("border", 1)
     assert answer == {
         "id": object_id,
         "kind": "encoded",

@@ -40,7 +40,30 @@ def _npy(client: httpx.Client, path: str, **query: float | str) -> Array:
 def test_points_of_an_object_are_those_of_its_mapping_function(client: httpx.Client, path: str) -> None:
     weights = load(client.get(path.replace("points", "weights")).content)
     expected = power(weights.spec, weights.theta, canonical_points("ball", 5000, seed=7))
-    np.testing.assert_allclose(_npy(client, path, n=5000, seed=7), expected, atol=1e-5)
+    np.testing.assert_allclose(_npy(client, path, n=5000, seed=7, frame="raw"), expected, atol=1e-5)
+
+
+@pytest.mark.parametrize("scale", [1, 0.8, 250.0])
+def test_points_of_the_object_frame_are_centered_and_as_long_as_scale(
+    client: httpx.Client, path: str, scale: float
+) -> None:
+    stored = client.get(path.removesuffix("/points")).json()
+    low, high = (np.array(stored["frame"][name], np.float32) for name in ("low", "high"))
+    unit = (high - low).max()
+    assert stored["dimensions"] == pytest.approx((high - low) / unit, rel=1e-6)
+    assert max(stored["dimensions"]) == 1
+    points, raw = _npy(client, path, n=200_000, scale=scale), _npy(client, path, n=200_000, frame="raw")
+    np.testing.assert_allclose(points, (raw - (low + high) / 2) * (scale / unit), atol=1e-5 * scale)
+    reached = np.array([points.min(axis=0), points.max(axis=0)]) / scale
+    half = np.array(stored["dimensions"]) / 2
+    np.testing.assert_allclose(reached, [-half, half], atol=0.03)  # random points do not quite reach the box
+
+
+def test_points_of_any_seed_and_count_share_one_frame(client: httpx.Client, path: str) -> None:
+    raw = [_npy(client, path, n=n, seed=seed, frame="raw") for n, seed in ((10, 1), (5000, 2))]
+    framed = [_npy(client, path, n=n, seed=seed) for n, seed in ((10, 1), (5000, 2))]
+    factors = [np.ptp(a, axis=0) / np.ptp(b, axis=0) for a, b in zip(framed, raw, strict=True)]
+    np.testing.assert_allclose(factors[0], factors[1], rtol=1e-3)
 
 
 @pytest.mark.parametrize("n", [1, FIRST_PART, FIRST_PART + 1, FIRST_PART + PART + 777])
