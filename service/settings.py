@@ -62,9 +62,15 @@ def default_database_url() -> str:
 
 
 def default_matting_model() -> Path | None:
-    """Return u2netp.onnx in the folder U2NET_HOME (the variable rembg uses), or None if that is not set."""
+    """Return u2netp.onnx in the folder U2NET_HOME (the variable rembg uses), or where `make` installs it.
+
+    None if that file is not there, or if U2NET_HOME is set but empty.
+    """
     home = os.environ.get("U2NET_HOME")
-    return Path(home) / "u2netp.onnx" if home else None
+    if home is not None:
+        return Path(home) / "u2netp.onnx" if home else None
+    installed = Path(sys.prefix) / "u2net" / "rembg" / "u2netp.onnx"
+    return installed if installed.is_file() else None
 
 
 def default_log_format() -> LogFormat:
@@ -80,6 +86,12 @@ def _parts(value: object) -> object:
 def _port(value: object) -> object:
     """Return the default for `tcp://...`: Kubernetes sets HOF_PORT to that beside a Service named hof."""
     return DEFAULT_PORT if isinstance(value, str) and value.startswith("tcp://") else value
+
+
+def _shipped(path: Path) -> Path:
+    """Return the shipped model that a bare name means, or the path itself if it is more than that, or a file."""
+    shipped = SHIPPED_MODEL.parent / f"{path}.onnx"
+    return shipped if path.parent == Path() and not path.exists() and shipped.is_file() else path
 
 
 Paths = Annotated[tuple[Path, ...], NoDecode, BeforeValidator(_parts)]
@@ -111,12 +123,13 @@ class Settings(BaseSettings):
         default_factory=shipped_models,
         min_length=1,
         description="image encoders, ONNX files of `hof-model export`; the first is the default of calls; repeat the "
-        "flag, or separate the variable's values by commas; default: `hof1-k2.onnx` and all others in `model/weights`",
+        "flag, or separate the variable's values by commas; a name such as `hof1-k4` means that file in "
+        "`model/weights`; default: `hof1-k2.onnx` and all others there",
     )
     matting_model: Path | None = Field(
         default_factory=default_matting_model,
         description="U2-Net (ONNX), which separates objects from any background; default: u2netp.onnx in "
-        "`U2NET_HOME`, else none",
+        "`U2NET_HOME`, else the one that `make` installed, else none; `none` runs without",
     )
     max_image_bytes: int = Field(default=20 * MIB, ge=1, description="largest image accepted, bytes")
     max_image_pixels: int = Field(
@@ -208,6 +221,16 @@ class Settings(BaseSettings):
             except ValueError as error:
                 raise ValueError(f"{part.strip()!r} is no address or network; example: 10.0.0.0/8") from error
         return text
+
+    @field_validator("model")
+    @classmethod
+    def _by_name(cls, paths: tuple[Path, ...]) -> tuple[Path, ...]:
+        return tuple(_shipped(path) for path in paths)
+
+    @field_validator("matting_model", mode="before")
+    @classmethod
+    def _without_matting(cls, value: object) -> object:
+        return None if str(value).lower() in ("", "none") else value
 
     @field_validator("rate_limit")
     @classmethod

@@ -86,9 +86,11 @@ def colored_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tiny_model.build(path, color_spec=tiny_model.COLOR_SPEC)
 
 
-@pytest.fixture(autouse=True)
-def _no_matting_unless_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("U2NET_HOME", raising=False)
+@pytest.fixture(scope="session", autouse=True)
+def _no_matting_unless_asked_for() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("U2NET_HOME", "")  # even if `make` installed the model
+        yield
 
 
 @pytest.fixture(scope="session")

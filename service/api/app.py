@@ -54,8 +54,8 @@ DESCRIPTION: Final = """\
 A photo goes in; a function comes out. The image encoder looks at one RGB image and outputs theta, the weights of a
 tiny mapping network f; f^k of the points of a unit ball is the object, at any resolution, as often as needed.
 
-Objects are in one frame: right-handed, +Y up, front +Z, the longest side 1. Errors are `application/problem+json`
-(RFC 9457); unknown parameters are errors."""
+Objects are in one frame: right-handed, +Y up, front +Z, centered, the longest side 1. Errors are
+`application/problem+json` (RFC 9457); unknown parameters are errors."""
 
 ROUTERS: Final = (
     encode.router,

@@ -24,6 +24,12 @@ HEADER_LENGTH: Final = "Inference-Header-Content-Length"
 JSON_NUMBER_BYTES: Final = 24  # a number and its comma: a double has 17 digits, a point, an exponent
 JSON_OVERHEAD_BYTES: Final = 16_384  # everything but the numbers
 
+CHANNELS: Final = (
+    "Channels are red, green, blue, each a plane of rows from the top; sRGB levels divided by 255, so 0 to 1. The "
+    "object stands over white, centered; its longer side fills the share `foreground_ratio` of the square (`/model` "
+    "has it and the size)"
+)
+
 
 class _Part(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True)
@@ -42,7 +48,7 @@ class Input(_Part):
     shape: list[int] = Field(description="(b, 3, size, size); `/v2/models/{name}` has the size")
     datatype: Literal["FP32"]
     parameters: InputParameters = InputParameters()
-    data: list[Any] | None = Field(default=None, description="RGB in [0, 1], flat or nested; the object over white")
+    data: list[Any] | None = Field(default=None, description=f"flat or nested. {CHANNELS}")
 
 
 class OutputParameters(_Part):
@@ -114,9 +120,29 @@ class InferenceModel(BaseModel):
     """A model with its inputs and outputs."""
 
     name: str = Field(examples=["hof1-k2"])
+    versions: list[str] = Field(description="always version 1: a changed model has another name", examples=[["1"]])
     platform: Literal["onnxruntime_onnx"]
     inputs: list[Tensor]
     outputs: list[Tensor]
+
+
+class TensorConfig(BaseModel):
+    """An input or an output of a model, as Triton's configuration has it."""
+
+    name: str = Field(examples=["image"])
+    data_type: Literal["TYPE_FP32"] = "TYPE_FP32"
+    dims: list[int] = Field(description="without the batch", examples=[[3, 64, 64]])
+
+
+class ModelConfig(BaseModel):
+    """A model's configuration, as Triton's clients read it."""
+
+    name: str = Field(examples=["hof1-k2"])
+    platform: Literal["onnxruntime_onnx"] = "onnxruntime_onnx"
+    backend: Literal["onnxruntime"] = "onnxruntime"
+    max_batch_size: int = Field(examples=[8])
+    input: list[TensorConfig]
+    output: list[TensorConfig]
 
 
 class Inference(NamedTuple):

@@ -5,6 +5,7 @@ from typing import Any, Final
 
 from fastapi import FastAPI
 
+from service.api.examples import parameter_example, problem_example
 from service.api.responses import RETRY_AFTER
 
 SECURITY_SCHEMES: Final = {
@@ -31,6 +32,7 @@ def openapi_text(app: FastAPI) -> str:
             _name_problems(operation["responses"])
             for parameter in operation.get("parameters", []):
                 parameter["schema"] = _without_null(parameter["schema"])
+                parameter["example"] = parameter_example(parameter)
     return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
 
 
@@ -44,11 +46,17 @@ def _add_refusals(operation: dict[str, Any]) -> None:
 
 
 def _name_problems(responses: dict[str, Any]) -> None:
-    """Move the models of 4xx and 5xx, which FastAPI lists under application/json, to application/problem+json."""
+    """Move the models of 4xx and 5xx from application/json, where FastAPI lists them, to application/problem+json.
+
+    Each gets an example.
+    """
     for status, response in responses.items():
         content = response.get("content", {})
         if status >= "400" and "application/json" in content:
             content["application/problem+json"] = content.pop("application/json")
+        if "application/problem+json" in content:
+            problem = content["application/problem+json"]
+            content["application/problem+json"] = problem | {"example": problem_example(status)}
 
 
 def _without_null(schema: dict[str, Any]) -> dict[str, Any]:

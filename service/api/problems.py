@@ -65,7 +65,7 @@ def respond(error: HofError) -> Response:
 @lru_cache(maxsize=16)  # a service that sheds load repeats the same body thousands of times
 def _body(title: str, status: int, detail: str, field: str | None) -> bytes:
     errors = [FieldError(field=field, message=detail)] if field else None
-    return _json(Problem(type=_type(title), title=title, status=status, detail=detail, errors=errors))
+    return _json(Problem(type=problem_type(title), title=title, status=status, detail=detail, errors=errors))
 
 
 def _respond(problem: Problem, headers: Mapping[str, str] | None = None) -> Response:
@@ -76,7 +76,8 @@ def _json(problem: Problem) -> bytes:
     return problem.model_dump_json(exclude_none=True).encode()
 
 
-def _type(title: str) -> str:
+def problem_type(title: str) -> str:
+    """Return the URN of a kind of problem."""
     return "urn:hof:problem:" + re.sub(r"[^a-z]+", "-", title.lower())
 
 
@@ -92,7 +93,7 @@ async def _validation(request: Request, error: RequestValidationError) -> Respon
     detail = "; ".join(f"{item.field}: {item.message}" for item in errors)
     title = InvalidParameter.title
     return _respond(
-        Problem(type=_type(title), title=title, status=InvalidParameter.status, detail=detail, errors=errors)
+        Problem(type=problem_type(title), title=title, status=InvalidParameter.status, detail=detail, errors=errors)
     )
 
 

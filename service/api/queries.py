@@ -78,6 +78,7 @@ class Composition(NoQuery):
         max_length=MAX_K,
         description="ids of objects of one spec, none of them composed: k for `compose`, two or more for "
         "`interpolate`, two for `all`",
+        examples=[["2f7f3b52a9a1c0de9b1d1c4d5e6f7a8b", "9b1d1c4d5e6f7a8b2f7f3b52a9a1c0de"]],
     )
     mode: Mode = Field(
         default="compose",

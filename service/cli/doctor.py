@@ -2,9 +2,12 @@
 
 import asyncio
 import importlib.util
+import os
 import shutil
+import socket
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final, Literal
 
 from service.api.middleware.access import keys_of
@@ -59,9 +62,32 @@ def _matting(settings: Settings) -> tuple[State, str]:
 
 
 def _database(settings: Settings) -> tuple[State, str]:
-    """Open the database as `hof serve` does, which creates a missing one, and read all of it."""
+    """Open the database as `hof serve` does, and read all of it. A missing file is not created."""
+    address = database.parse(settings.database_url)
+    if address.file and not address.file.exists():
+        return _missing_file(address.file.absolute())
     asyncio.run(database.verify(settings.database_url, settings.database_timeout_s))
-    return "ok", f"{database.parse(settings.database_url).shown} can be read and written"
+    return "ok", f"{address.shown} can be read and written"
+
+
+def _missing_file(path: Path) -> tuple[State, str]:
+    """Return whether `hof serve` could create a database file."""
+    folder = next(parent for parent in path.parents if parent.exists())
+    if not folder.is_dir() or not os.access(folder, os.W_OK | os.X_OK):
+        return "fail", f"cannot create {path}: {folder} is not a folder that hof can write; name another file"
+    return "ok", f"{path} will be created"
+
+
+def _address(settings: Settings) -> tuple[State, str]:
+    """Listen as `hof serve` does, for a moment."""
+    family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
+    try:
+        with socket.socket(family) as listener:
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            listener.bind((settings.host, settings.port))
+    except OSError as error:
+        return "fail", f"cannot listen on {settings.host} port {settings.port}: {error.strerror}; set --host or --port"
+    return "ok", f"{settings.host} port {settings.port} is free"
 
 
 def _disk(settings: Settings) -> tuple[State, str]:
@@ -115,6 +141,7 @@ CHECKS: Final[dict[str, Callable[[Settings], tuple[State, str]]]] = {
     "matting": _matting,
     "database": _database,
     "disk": _disk,
+    "address": _address,
     "page": _page,
     "keys": _keys,
     "threads": _threads,

@@ -1,9 +1,14 @@
 """The `hof` command: the HTTP service, and encoding, sampling and meshing without a server."""
 
 import argparse
+import os
+import signal
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
+from types import FrameType
 from typing import Final, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
@@ -20,13 +25,20 @@ from service.options import MeshOptions, PointOptions
 from service.settings import Settings
 
 FAILED: Final = 2
+INTERRUPTED, TERMINATED, UNREAD = 130, 143, 141  # as shells report SIGINT, SIGTERM and SIGPIPE
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command and return its exit status. An error is one line on stderr."""
     arguments = _parser().parse_args(argv)
     try:
-        status: int | None = arguments.run(arguments)
+        with nullcontext() if arguments.run is _serve else _ending_on_sigterm():
+            status: int | None = arguments.run(arguments)
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except BrokenPipeError:  # the reader of stdout has left, as `head` does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes stdout at exit
+        return UNREAD
     except HofError as error:
         return _fail(error.detail)
     except ValidationError as error:
@@ -35,6 +47,23 @@ def main(argv: Sequence[str] | None = None) -> int:
     except OSError as error:
         return _fail(f"{error.filename}: {error.strerror}" if error.filename else str(error))
     return status or 0
+
+
+@contextmanager
+def _ending_on_sigterm() -> Iterator[None]:
+    """Let SIGTERM end the block like an exception, so that no temporary file is left."""
+    if threading.current_thread() is not threading.main_thread():  # only the main thread may set handlers
+        yield
+        return
+
+    def end(_signal: int, _frame: FrameType | None) -> None:
+        raise SystemExit(TERMINATED)
+
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _fail(message: str) -> int:
@@ -72,7 +101,7 @@ def _parser() -> argparse.ArgumentParser:
 def _add_commands(stages: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Add the commands that need no server (`service.cli.files`)."""
     encode = stages.add_parser("encode", help="turn a photo into points or weights", description=files.encode.__doc__)
-    encode.add_argument("photo", type=Path, help="PNG, JPEG or WebP")
+    encode.add_argument("photo", type=Path, help="PNG, JPEG or WebP; - for stdin")
     _add_output(encode, [*(fmt.extension for fmt in POINT_FORMATS.values()), WEIGHT_FORMATS["safetensors"].extension])
     _add_sampling(encode)
     encode.add_argument("--background", choices=get_args(Background), help="background removal; default: auto")
@@ -85,15 +114,15 @@ def _add_commands(stages: "argparse._SubParsersAction[argparse.ArgumentParser]")
     encode.set_defaults(run=files.encode)
 
     sample = stages.add_parser("sample", help="turn a weights file into points", description=files.sample.__doc__)
-    sample.add_argument("weights", type=Path, help="a .safetensors file of `hof encode` or of the service")
+    sample.add_argument("weights", type=Path, help="a .safetensors file of `hof encode` or of the service; - for stdin")
     _add_output(sample, [fmt.extension for fmt in POINT_FORMATS.values()])
     _add_sampling(sample)
     sample.set_defaults(run=files.sample)
 
     mesh = stages.add_parser("mesh", help="turn a weights file into a surface", description=files.mesh.__doc__)
-    mesh.add_argument("weights", type=Path, help="a .safetensors file of `hof encode` or of the service")
+    mesh.add_argument("weights", type=Path, help="a .safetensors file of `hof encode` or of the service; - for stdin")
     _add_output(mesh, [fmt.extension for fmt in MESH_FORMATS.values()])
-    _add_fields(mesh, MeshOptions, ["resolution", "scale", "color"])
+    _add_fields(mesh, MeshOptions, ["resolution", "scale", "frame", "color"])
     mesh.set_defaults(run=files.mesh)
 
     compose = stages.add_parser(
@@ -105,7 +134,7 @@ def _add_commands(stages: "argparse._SubParsersAction[argparse.ArgumentParser]")
     compose.set_defaults(run=files.compose)
 
     info = stages.add_parser("info", help="describe a weights file", description=files.info.__doc__)
-    info.add_argument("weights", type=Path, help="a .safetensors file")
+    info.add_argument("weights", type=Path, help="a .safetensors file; - for stdin")
     info.set_defaults(run=files.info)
 
 
@@ -125,11 +154,15 @@ def _add_settings(parser: argparse.ArgumentParser, only: set[str] | None = None)
 
 
 def _add_output(parser: argparse.ArgumentParser, suffixes: list[str]) -> None:
-    parser.add_argument("-o", "--output", type=Path, required=True, help=f"file to write: {', '.join(suffixes)}")
+    parser.add_argument(
+        "-o", "--output", type=Path, required=True, help=f"file to write: {', '.join(suffixes)}; - for stdout"
+    )
+    names = [suffix.removeprefix(".") for suffix in suffixes]
+    parser.add_argument("--format", choices=names, help="format of the output; default: the suffix of its file")
 
 
 def _add_sampling(parser: argparse.ArgumentParser) -> None:
-    _add_fields(parser, PointOptions, ["n", "seed", "scale", "sampling", "color"])
+    _add_fields(parser, PointOptions, ["n", "seed", "scale", "frame", "sampling", "color"])
 
 
 def _add_fields(parser: argparse.ArgumentParser, model: type[BaseModel], names: Sequence[str]) -> None:

@@ -2,11 +2,15 @@
 
 import asyncio
 import contextlib
+import logging
 import sys
+from collections.abc import Iterator
+from typing import Final
 
 from uvicorn.config import STARTUP_FAILURE
 
 from service.api.middleware.access import keys_of
+from service.api.routes.viewer import BUNDLE, NOT_BUILT
 from service.encoding.matting import Matting
 from service.encoding.registry import Models
 from service.server.memory import share_one_arena
@@ -15,6 +19,12 @@ from service.server.workers import Supervisor
 from service.settings import Settings
 from service.storage import database
 from service.telemetry.metrics import shared_by_workers
+
+logger: Final = logging.getLogger("hof")
+NO_MATTING: Final = (
+    "no matting model: photos need transparency or a plain background, else the whole picture counts as the object; "
+    "set --matting-model, or U2NET_HOME to the folder of u2netp.onnx"
+)
 
 
 def serve(settings: Settings) -> None:
@@ -26,7 +36,9 @@ def serve(settings: Settings) -> None:
     """
     share_one_arena()
     _check(settings)
-    config = Config(settings)
+    config = Config(settings)  # configures the log
+    for message in _missing_parts(settings):
+        logger.info(message)
     if settings.workers > 1:
         with shared_by_workers():
             Supervisor(config, [config.bind_socket()]).run()
@@ -44,3 +56,11 @@ def _check(settings: Settings) -> None:
     Matting.of(settings.matting_model, settings.threads)
     keys_of(settings)
     asyncio.run(database.verify(settings.database_url, settings.database_timeout_s))
+
+
+def _missing_parts(settings: Settings) -> Iterator[str]:
+    """Yield what the service runs without, and how to add it."""
+    if settings.matting_model is None:
+        yield NO_MATTING
+    if not BUNDLE.is_dir():
+        yield f"/ and /docs are missing: {NOT_BUILT}"

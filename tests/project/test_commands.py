@@ -42,6 +42,7 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     shutil.copytree(ROOT / "demo", folder / "demo")
     monkeypatch.chdir(folder)
     monkeypatch.setenv("HOF_DATABASE_URL", f"sqlite:///{tmp_path / 'doctor.db'}")
+    monkeypatch.setenv("HOF_PORT", "0")  # `hof doctor` fails if the port is in use
     return folder
 
 

@@ -6,7 +6,7 @@ import pytest
 from pydantic import ValidationError
 
 from service import settings as module
-from service.settings import Settings, available_cpus
+from service.settings import SHIPPED_MODEL, Settings, available_cpus
 
 
 @pytest.fixture(autouse=True)
@@ -45,6 +45,30 @@ def test_settings_model_is_split_at_commas_in_the_environment_only(monkeypatch: 
     monkeypatch.setenv("HOF_MODEL", "a.onnx, b c.onnx,")
     assert Settings().model == (Path("a.onnx"), Path("b c.onnx"))
     assert Settings.model_validate({"model": ["a,b.onnx"]}).model == (Path("a,b.onnx"),)
+
+
+def test_settings_model_by_name_is_the_shipped_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert Settings.model_validate({"model": ["hof1-k4"]}).model == (SHIPPED_MODEL.with_name("hof1-k4.onnx"),)
+    for other in ("hof1-k4.onnx", "./hof1-k4.onnx", "folder/hof1-k4", "nothere"):
+        assert Settings.model_validate({"model": [other]}).model == (Path(other),)
+    (tmp_path / "hof1-k4").write_bytes(b"a file of this name wins")
+    assert Settings.model_validate({"model": ["hof1-k4"]}).model == (Path("hof1-k4"),)
+
+
+def test_settings_matting_model_defaults_to_the_one_that_make_installed(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.delenv("U2NET_HOME")
+    monkeypatch.setattr("sys.prefix", str(tmp_path))
+    assert Settings().matting_model is None
+    installed = tmp_path / "u2net" / "rembg" / "u2netp.onnx"
+    installed.parent.mkdir(parents=True)
+    installed.touch()
+    assert Settings().matting_model == installed
+    assert Settings(matting_model="none").matting_model is None  # type: ignore[arg-type]
+    monkeypatch.setenv("U2NET_HOME", "")
+    assert Settings().matting_model is None
 
 
 def test_settings_matting_model_defaults_to_u2net_home(monkeypatch: pytest.MonkeyPatch) -> None:

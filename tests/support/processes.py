@@ -107,10 +107,13 @@ def _running(
     cwd: Path | None = None,
     preexec_fn: Callable[[], None] | None = None,
 ) -> Iterator[subprocess.Popen[bytes]]:
-    """Start a process in a session of its own; in the end stop it, and kill what it leaves behind."""
+    """Start a process in a session of its own; in the end stop it, and kill what it leaves behind.
+
+    Without U2NET_HOME it has no matting model, even if `make` installed one.
+    """
     process = subprocess.Popen(
         command,
-        env={**os.environ, "PYTHONPATH": str(ROOT), **environment},
+        env={"U2NET_HOME": "", **os.environ, "PYTHONPATH": str(ROOT), **environment},
         stderr=stderr,
         cwd=cwd,
         preexec_fn=preexec_fn,

@@ -17,9 +17,11 @@ from service.api.inference_protocol import (
     InferenceModel,
     InferenceServer,
     Live,
+    ModelConfig,
     ModelReady,
     ServerReady,
     Tensor,
+    TensorConfig,
     answer,
     max_body_bytes,
     parse,
@@ -34,7 +36,7 @@ from service.api.wire.uploads import read_body
 from service.encoding.encoder import Encoder
 from service.errors import InvalidParameter, NotFound, UnsupportedMedia
 from service.mapping.spec import Array, Functions
-from service.runtime.batcher import Batcher
+from service.runtime.batcher import MAX_BATCH, Batcher
 
 router = APIRouter(prefix="/v2", tags=["inference"])
 
@@ -60,15 +62,30 @@ RESPONSES: Final[Responses] = {
 
 
 async def encoder_named(
-    name: Annotated[str, Path(description="name of a loaded model")], runtime: ReadyRuntime
+    request: Request, name: Annotated[str, Path(description="name of a loaded model")], runtime: ReadyRuntime
 ) -> Encoder:
-    """Return the encoder that the path names. Raises NotFound."""
+    """Return the encoder that the path names. Raises NotFound for another model, or another version than `VERSION`."""
+    version = request.path_params.get("version", VERSION)
+    if version != VERSION:
+        raise NotFound(f"the model has no such version; there is {VERSION}")
     try:
         return runtime.models.named(name)
     except InvalidParameter as error:
         raise NotFound(error.detail) from error
 
 
+VERSION: Final = "1"
+VERSIONED: Final = {  # FastAPI lists only parameters of the function
+    "parameters": [
+        {
+            "name": "version",
+            "in": "path",
+            "required": True,
+            "description": "always 1: a changed model has another name",
+            "schema": {"type": "string", "enum": [VERSION]},
+        }
+    ]
+}
 NamedEncoder = Annotated[Encoder, Depends(encoder_named)]
 
 
@@ -92,16 +109,30 @@ async def ready(request: Request, query: NoParameters, runtime: ReadyRuntime) ->
 
 
 @router.get("/models/{name}", responses=MODEL_NOT_FOUND)
+@router.get("/models/{name}/versions/{version}", responses=MODEL_NOT_FOUND, openapi_extra=VERSIONED)
 async def model(query: NoParameters, encoder: NamedEncoder) -> InferenceModel:
     """Return the model's tensors. -1 stands for the batch: an inference takes at most eight images."""
     inputs, outputs = (
         [Tensor(name=name, datatype="FP32", shape=[-1, *shape]) for name, shape in each.items()]
         for each in tensors(encoder)
     )
-    return InferenceModel(name=encoder.name, platform="onnxruntime_onnx", inputs=inputs, outputs=outputs)
+    return InferenceModel(
+        name=encoder.name, versions=[VERSION], platform="onnxruntime_onnx", inputs=inputs, outputs=outputs
+    )
+
+
+@router.get("/models/{name}/config", responses=MODEL_NOT_FOUND)
+@router.get("/models/{name}/versions/{version}/config", responses=MODEL_NOT_FOUND, openapi_extra=VERSIONED)
+async def model_config(query: NoParameters, encoder: NamedEncoder) -> ModelConfig:
+    """Return the model's configuration, as Triton's `get_model_config` expects it."""
+    inputs, outputs = (
+        [TensorConfig(name=name, dims=shape) for name, shape in each.items()] for each in tensors(encoder)
+    )
+    return ModelConfig(name=encoder.name, max_batch_size=MAX_BATCH, input=inputs, output=outputs)
 
 
 @router.get("/models/{name}/ready", responses=MODEL_NOT_FOUND)
+@router.get("/models/{name}/versions/{version}/ready", responses=MODEL_NOT_FOUND, openapi_extra=VERSIONED)
 async def model_ready(
     request: Request, query: NoParameters, encoder: NamedEncoder, runtime: ReadyRuntime
 ) -> ModelReady:
@@ -112,6 +143,12 @@ async def model_ready(
 
 
 @router.post(
+    "/models/{name}/versions/{version}/infer",
+    response_class=Response,
+    responses=MODEL_NOT_FOUND | RESPONSES,
+    openapi_extra={"requestBody": REQUEST_BODY, **VERSIONED},
+)
+@router.post(
     "/models/{name}/infer",
     response_class=Response,
     responses=MODEL_NOT_FOUND | RESPONSES,
@@ -120,6 +157,10 @@ async def model_ready(
 @needs_gate("images")
 async def infer(request: Request, query: NoParameters, encoder: NamedEncoder, runtime: ReadyRuntime) -> Response:
     """Turn up to eight images into weights. The images must be framed already, and nothing is kept.
+
+    The tensor `image` is (b, 3, size, size), float32. Channels are red, green, blue, in [0, 1]: sRGB levels divided by
+    255. Rows run from the top. The object stands over white, centered; its longer side fills `foreground_ratio` of the
+    square: `/model` has this share and the size. `/encode` does all of this itself.
 
     The output `theta` equals the weights of `/encode?store=false`; a model with color also has the output `color`.
     """

@@ -6,9 +6,11 @@ from typing import Any
 
 import httpx
 import pytest
+from jsonschema_rs import is_valid
 
 from service.api.app import create_app
 from service.api.openapi import openapi_text
+from service.api.responses import Problem
 from service.settings import Settings
 
 COMMITTED = Path(__file__).parents[3] / "openapi.json"
@@ -50,8 +52,13 @@ def test_schema_lists_the_calls_of_the_contract(operations: dict[str, dict[str, 
         "GET /v2/health/live",
         "GET /v2/health/ready",
         "GET /v2/models/{name}",
+        "GET /v2/models/{name}/config",
         "GET /v2/models/{name}/ready",
         "POST /v2/models/{name}/infer",
+        "GET /v2/models/{name}/versions/{version}",
+        "GET /v2/models/{name}/versions/{version}/config",
+        "GET /v2/models/{name}/versions/{version}/ready",
+        "POST /v2/models/{name}/versions/{version}/infer",
     }
 
 
@@ -108,6 +115,22 @@ def test_schema_describes_every_parameter_without_null(operations: dict[str, dic
         for parameter in operation.get("parameters", []):
             assert parameter["description"]
             assert "anyOf" not in parameter["schema"], parameter["name"]
+
+
+def test_schema_shows_a_valid_example_of_every_parameter(operations: dict[str, dict[str, Any]]) -> None:
+    for name, operation in operations.items():
+        for parameter in operation.get("parameters", []):
+            assert is_valid(parameter["schema"], parameter["example"]), (name, parameter["name"])
+
+
+def test_schema_shows_an_example_of_every_error(operations: dict[str, dict[str, Any]]) -> None:
+    for operation in operations.values():
+        for status, response in operation["responses"].items():
+            if status >= "400":
+                example = response["content"]["application/problem+json"]["example"]
+                problem = Problem.model_validate({key: example[key] for key in example if key != "error"})
+                assert problem.status == int(status)
+                assert problem.model_dump(exclude_none=True) == example
 
 
 def test_docs_page_shows_the_schema(client: httpx.Client) -> None:

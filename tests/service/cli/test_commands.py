@@ -20,17 +20,6 @@ from tests.support.photos import disc, image_file
 from tests.support.small import model as tiny_model
 
 
-@pytest.fixture
-def here(tmp_path: Path, model_path: Path, photo: bytes, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return a working folder with only photo.png in it; the tiny model is the default one."""
-    folder = tmp_path / "here"
-    folder.mkdir()
-    (folder / "photo.png").write_bytes(photo)
-    monkeypatch.chdir(folder)
-    monkeypatch.setenv("HOF_MODEL", str(model_path))
-    return folder
-
-
 @pytest.mark.parametrize("name", POINT_FORMATS)
 def test_encode_writes_the_bytes_that_the_service_serves(here: Path, client: httpx.Client, name: str) -> None:
     assert main(["encode", "photo.png", "-o", f"out.{name}", "--n", "5000", "--seed", "3", "--scale", "2"]) == 0
@@ -146,7 +135,10 @@ def test_openapi_prints_the_committed_schema(capsys: pytest.CaptureFixture[str])
         ("encode photo.png -o nowhere/out.ply", "No such file or directory"),
         ("encode nothere.png -o out.ply", "nothere.png: No such file or directory"),
         ("encode text.png -o out.ply", "not a PNG, JPEG or WebP"),
+        ("encode cut.png -o out.ply", "hof: cut.png: "),
         ("encode cut.png -o out.ply", "truncated or corrupt"),
+        ("encode photo.png -o -", "stdout has no suffix: name the format with --format, one of ply, npy"),
+        ("encode photo.png -o out.ply --frame x", "frame: "),
         ("encode photo.png -o out.ply --n 0", "n: Input should be greater than or equal to 1"),
         ("encode photo.png -o out.ply --n x", "n: Input should be a valid integer"),
         ("encode photo.png -o out.json --n 100001", "json holds at most 100000 points"),

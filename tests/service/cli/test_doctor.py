@@ -1,12 +1,15 @@
 """`hof doctor` as a process, on complete and on faulty installations."""
 
+import asyncio
 import os
+import socket
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from service.storage import database
 from tests.support import ROOT
 
 TIMEOUT_S = 300
@@ -18,6 +21,7 @@ def _doctor(folder: Path, model: Path, **settings: str) -> tuple[int, dict[str, 
         name: value for name, value in os.environ.items() if not name.startswith(("HOF_", "OTEL_", "U2NET_"))
     }
     environment |= {"PYTHONPATH": str(ROOT), "HOF_MODEL": str(model), "HOF_DATABASE_URL": f"sqlite:///{folder}/hof.db"}
+    environment |= {"HOF_PORT": "0", "U2NET_HOME": ""}
     run = subprocess.run(
         [str(Path(sys.executable).with_name("hof")), "doctor"],
         env=environment | settings,
@@ -32,7 +36,18 @@ def _doctor(folder: Path, model: Path, **settings: str) -> tuple[int, dict[str, 
     for line in run.stdout.splitlines():
         state, subject, message = line.split(maxsplit=2)
         findings[subject] = (state, message)
-    assert findings.keys() == {"model", "matting", "database", "disk", "page", "keys", "threads", "[fast]", "[otel]"}
+    assert findings.keys() == {
+        "model",
+        "matting",
+        "database",
+        "disk",
+        "page",
+        "keys",
+        "threads",
+        "[fast]",
+        "[otel]",
+        "address",
+    }
     return run.returncode, findings
 
 
@@ -77,7 +92,7 @@ def test_doctor_of_a_broken_installation_names_each_fault(tmp_path: Path) -> Non
     ],
 )
 def test_doctor_of_an_unusable_database_fails(model_path: Path, tmp_path: Path, url: str, message: str) -> None:
-    assert _doctor(tmp_path, model_path)[0] == 0  # creates hof.db
+    asyncio.run(database.verify(f"sqlite:///{tmp_path}/hof.db"))  # creates hof.db
     status, findings = _doctor(tmp_path, model_path, HOF_DATABASE_URL=url, HOF_HOST="0.0.0.0")
     assert (status, findings["database"][0]) == (1, "fail")
     assert message in findings["database"][1]
@@ -105,3 +120,18 @@ def test_command_of_a_user_without_home_says_which_setting_helps(command: str) -
     assert "this user has no home folder; set --database-url or HOF_DATABASE_URL" in text
     assert "Traceback" not in text
     assert not Path("/~").exists()
+
+
+def test_doctor_creates_nothing(model_path: Path, tmp_path: Path) -> None:
+    status, findings = _doctor(tmp_path, model_path, HOF_DATABASE_URL=f"sqlite:///{tmp_path}/new/folder/hof.db")
+    assert (status, findings["database"][0]) == (0, "ok")
+    assert "will be created" in findings["database"][1]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_doctor_with_a_port_in_use_fails_as_serve_does(model_path: Path, tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+        status, findings = _doctor(tmp_path, model_path, HOF_PORT=port)
+    assert (status, findings["address"][0]) == (1, "fail")
+    assert port in findings["address"][1]

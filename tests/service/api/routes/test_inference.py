@@ -66,10 +66,26 @@ def test_infer_triton_client_finds_server_and_model(triton: InferenceServerClien
     assert triton.get_server_metadata()["extensions"] == ["binary_tensor_data"]
     assert triton.get_model_metadata("tiny-k2") == {
         "name": "tiny-k2",
+        "versions": ["1"],
         "platform": "onnxruntime_onnx",
         "inputs": [{"name": "image", "datatype": "FP32", "shape": [-1, *ONE[1:]]}],
         "outputs": [{"name": "theta", "datatype": "FP32", "shape": [-1, tiny_model.SPEC.size]}],
     }
+
+
+def test_infer_triton_client_finds_configuration_and_version(triton: InferenceServerClient, images: Array) -> None:
+    config = triton.get_model_config("tiny-k2")
+    assert (config["name"], config["max_batch_size"]) == ("tiny-k2", MAX_BATCH)
+    assert config["input"] == [{"name": "image", "data_type": "TYPE_FP32", "dims": ONE[1:]}]
+    assert config["output"] == [{"name": "theta", "data_type": "TYPE_FP32", "dims": [tiny_model.SPEC.size]}]
+    assert triton.get_model_config("tiny-k2", "1") == config
+    assert triton.get_model_metadata("tiny-k2", "1") == triton.get_model_metadata("tiny-k2")
+    assert triton.is_model_ready("tiny-k2", "1")
+    assert not triton.is_model_ready("tiny-k2", "2")
+    thetas = [_infer(triton, images, model_version=version).as_numpy("theta") for version in ("", "1")]
+    np.testing.assert_array_equal(*thetas)
+    with pytest.raises(InferenceServerException, match="no such version"):
+        triton.get_model_config("tiny-k2", "2")
 
 
 @pytest.mark.parametrize("binary", [True, False])

@@ -1,0 +1,58 @@
+"""Examples of parameters and errors for /docs, by name and by status."""
+
+from typing import Any, Final
+
+from service.api.problems import problem_type
+
+PARAMETERS: Final[dict[str, Any]] = {
+    "background": "auto",
+    "color": "auto",
+    "cursor": "NTE",
+    "foreground_ratio": 0.85,
+    "format": None,  # each call has formats of its own: the first is shown
+    "frame": "object",
+    "id": "2f7f3b52a9a1c0de9b1d1c4d5e6f7a8b",
+    "include": "weights",
+    "limit": 50,
+    "model": "hof1-k2",
+    "n": 20_000,
+    "name": "hof1-k2",
+    "offset": 0,
+    "resolution": 64,
+    "sampling": "sobol",
+    "scale": 0.8,
+    "seed": 7,
+    "store": True,
+    "version": "1",
+}
+ERRORS: Final[dict[str, tuple[str, str]]] = {  # status: title, detail
+    "400": ("Corrupt image", "the image is truncated or corrupt"),
+    "401": ("Unauthenticated", "this call needs an API key: `Authorization: Bearer KEY`, or `X-API-Key: KEY`"),
+    "403": ("Forbidden", "this call needs a key of the scope write"),
+    "404": ("Not found", "there is no object of this id"),
+    "406": ("Not acceptable", "no format satisfies the Accept header"),
+    "408": ("Stalled", "the client sent nothing for 30 s"),
+    "409": ("In use", "composed objects use it: 9b1d1c4d5e6f7a8b2f7f3b52a9a1c0de; delete them first"),
+    "413": ("Too large", "the body has more bytes than the limit"),
+    "415": ("Unsupported media type", "the body is not a PNG, JPEG or WebP"),
+    "422": ("Invalid parameter", "n: Input should be less than or equal to 10000000"),
+    "429": ("Overloaded", "more work than the service accepts at a time; try again later"),
+    "503": ("Not ready", "the service is starting or stopping"),
+    "507": ("Insufficient storage", "the database has no space left; nothing of this call is kept"),
+}
+
+
+def parameter_example(parameter: dict[str, Any]) -> object:
+    """Return an example of a parameter in the schema."""
+    example = PARAMETERS[parameter["name"]]
+    return parameter["schema"]["enum"][0] if example is None else example
+
+
+def problem_example(status: str) -> dict[str, Any]:
+    """Return an example of an error answer."""
+    title, detail = ERRORS[status]
+    example = {"type": problem_type(title), "title": title, "status": int(status), "detail": detail}
+    if status == "422":
+        field, _, message = detail.partition(": ")
+        example["errors"] = [{"field": field, "message": message}]
+    return example | {"error": detail}
