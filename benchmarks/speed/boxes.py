@@ -37,6 +37,7 @@ def main() -> None:
     print("| Object | Longest side | Error of it, % | Largest error of a side, % | ms |\n|---|---|---|---|---|")
     errors = []
     for name, spec, theta in _objects():
+        measure(spec, theta)  # compiles, where numba is installed
         start = time.perf_counter()
         frame = measure(spec, theta)
         milliseconds = 1000 * (time.perf_counter() - start)

@@ -55,8 +55,8 @@ def _name_problems(responses: dict[str, Any]) -> None:
         if status >= "400" and "application/json" in content:
             content["application/problem+json"] = content.pop("application/json")
         if "application/problem+json" in content:
-            problem = content["application/problem+json"]
-            content["application/problem+json"] = problem | {"example": problem_example(status)}
+            problem = content["application/problem+json"] | {"example": problem_example(status)}
+            response["content"] = {**content, "application/problem+json": problem}  # several statuses share `content`
 
 
 def _without_null(schema: dict[str, Any]) -> dict[str, Any]:

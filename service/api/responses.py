@@ -66,15 +66,18 @@ class Box(BaseModel):
     high: tuple[float, float, float] = Field(examples=[[0.34, 0.52, 0.38]])
 
 
+DIMENSIONS: Final = (
+    "width, height and depth of the whole object in the object frame: the longest is 1; multiply by `scale`"
+)
+BOX: Final = "the object's bounding box in the function's own numbers"
+UNMEASURED: Final = ". Absent in lists for objects that an older version of the service stored, until they are read"
 Dimensions = Annotated[
     tuple[float, float, float],
     Field(
-        description="width, height and depth of the whole object in the object frame: the longest is 1; multiply by "
-        "`scale`",
+        description=DIMENSIONS,
         examples=[[0.62, 1.0, 0.68]],
     ),
 ]
-UNMEASURED: Final = "Absent in lists for objects that an older version of the service stored, until they are read"
 
 
 class ImageReport(BaseModel):
@@ -127,10 +130,10 @@ class StoredObject(BaseModel):
         examples=[28684],
     )
     dimensions: Dimensions | SkipJsonSchema[None] = Field(
-        default=None, exclude_if=lambda value: value is None, description=UNMEASURED
+        default=None, exclude_if=lambda value: value is None, description=DIMENSIONS + UNMEASURED
     )
     frame: Box | SkipJsonSchema[None] = Field(
-        default=None, exclude_if=lambda value: value is None, description=UNMEASURED
+        default=None, exclude_if=lambda value: value is None, description=BOX + UNMEASURED
     )
     image: ImageReport | SkipJsonSchema[None] = Field(
         default=None,

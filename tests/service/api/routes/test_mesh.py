@@ -48,7 +48,7 @@ def test_mesh_in_every_format_holds_the_same_triangles(client: httpx.Client, pat
 @pytest.mark.parametrize("name", ["glb", "gltf", "obj", "ply"])
 def test_mesh_file_holds_the_normals_of_the_surface(client: httpx.Client, path: str, name: str) -> None:
     weights = load(client.get(path.replace("mesh", "weights")).content)
-    surface = surface_of(Sampler(weights.spec, word_of(weights.spec, weights.theta)), 16)
+    surface = surface_of(Sampler(weights.spec, word_of(weights.spec, weights.theta), weights.frame), 16)
     answer = client.get(path, params={"format": name, "resolution": 16})
     loaded = trimesh.load(io.BytesIO(answer.content), file_type=name, process=False)
     (mesh,) = loaded.geometry.values() if isinstance(loaded, trimesh.Scene) else (loaded,)
