@@ -11,6 +11,7 @@ DOCUMENTS: Final = tuple(
     for path in sorted(ROOT.glob(pattern))
     if path != ROOT / "RESULTS.md"  # `make results` writes it
 )
+MODULE: Final = "python3 -m model.cli.main"  # `hof-model` where nothing is installed
 
 
 def text_of(name: str) -> str:
@@ -56,7 +57,9 @@ def shell_blocks(text: str) -> list[str]:
 
 def commands(text: str, program: str | None = None) -> list[str]:
     """Return the lines of all shell blocks, in order; with `program`, those that start with it."""
-    lines = [line for block in shell_blocks(text) for line in block.splitlines() if line.strip()]
+    blocks = [block.replace("\\\n", " ") for block in shell_blocks(text)]
+    lines = [line for block in blocks for line in block.splitlines() if line.strip()]
+    lines = [line.replace(MODULE, "hof-model", 1) if line.startswith(MODULE) else line for line in lines]
     return [line for line in lines if program in (None, line.split()[0])]
 
 

@@ -62,7 +62,12 @@ def _tensor(number: int, media_type: str | None) -> tuple[str, bytes]:
     return "application/json", json.dumps({"inputs": [image]}).encode()
 
 
-BODIES = {"POST /encode": _photo, "POST /objects": _weights, "POST /v2/models/{name}/infer": _tensor}
+BODIES = {
+    "POST /encode": _photo,
+    "POST /objects": _weights,
+    "POST /v2/models/{name}/infer": _tensor,
+    "POST /v2/models/{name}/versions/{version}/infer": _tensor,
+}
 
 
 @schemathesis.deserializer("model/gltf+json")

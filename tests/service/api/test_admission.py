@@ -12,6 +12,7 @@ def test_declared_gates_of_all_routes_are_those_of_calls_that_always_compute(set
     assert declared == {
         ("POST", "/encode"): gates.images,
         ("POST", "/v2/models/{name}/infer"): gates.images,
+        ("POST", "/v2/models/{name}/versions/{version}/infer"): gates.images,
         ("POST", "/objects"): gates.points,
         ("POST", "/compose"): gates.points,
     }
