@@ -26,7 +26,7 @@ from service.settings import DATABASE_CONNECTIONS, DATABASE_TIMEOUT_S
 from service.storage import faults
 from service.storage.postgres import open_postgres
 from service.storage.postgres_url import PostgresUrl, parse_postgres
-from service.storage.sqlite import SqliteDatabase, check_file, open_sqlite
+from service.storage.sqlite import SqliteDatabase, check_file, expanded, open_sqlite
 from service.storage.transactions import Database
 
 MIGRATION_TIMEOUT_S: Final = 600.0  # another process may be migrating; PostgreSQL only
@@ -85,7 +85,8 @@ def parse(url: str) -> Address:
 
     Raises
     ------
-    UnusableStore : it is no such URL. The message never shows a password.
+    UnusableStore : it is no such URL, or its file is in the home folder of a user without one. The message never
+        shows a password.
     """
     text = url.strip()
     scheme = text.partition("://")[0].partition("+")[0].lower()
@@ -100,7 +101,7 @@ def parse(url: str) -> Address:
         else:
             name = parsed.database or ""
             is_path = name not in ("", ":memory:") and not name.startswith("file:")
-            return Address(parsed, parsed.render_as_string(), Path(name) if is_path else None)
+            return Address(parsed, parsed.render_as_string(), expanded(name) if is_path else None)
     raise UnusableStore("invalid database URL; expected sqlite:///PATH or postgresql://USER:PASSWORD@HOST/NAME")
 
 

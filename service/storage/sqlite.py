@@ -90,6 +90,17 @@ class SqliteDatabase:
         self._engine.dispose()
 
 
+def expanded(name: str) -> Path:
+    """Return the path of a database file, `~` replaced by the home folder. Raises UnusableStore if there is none."""
+    path = Path(os.path.expanduser(name))  # Path.expanduser raises RuntimeError instead
+    if path.parts[:1] == ("~",):
+        raise UnusableStore(
+            "this user has no home folder; set --database-url or HOF_DATABASE_URL to another file, for example "
+            "sqlite:////var/lib/hof/hof.db"
+        )
+    return path
+
+
 def open_sqlite(url: URL) -> SqliteDatabase:
     """Return a SQLite database; its file is created, for its owner alone, if it is missing.
 
@@ -99,12 +110,7 @@ def open_sqlite(url: URL) -> SqliteDatabase:
     OSError : the file's folder cannot be created.
     """
     if url.database and not url.database.startswith("file:"):  # the user creates a URI's file
-        path = Path(os.path.expanduser(url.database))  # Path.expanduser raises without a home
-        if path.parts[:1] == ("~",):
-            raise UnusableStore(
-                "this user has no home folder; set --database-url or HOF_DATABASE_URL to another file, for example "
-                "sqlite:////var/lib/hof/hof.db"
-            )
+        path = expanded(url.database)
         path.parent.mkdir(parents=True, exist_ok=True)
         if url.database != ":memory:":
             with contextlib.suppress(OSError):  # SQLite says it with a remedy
