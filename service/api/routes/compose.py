@@ -1,6 +1,6 @@
 """POST /compose: new objects made of stored ones."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Final
 
 from fastapi import APIRouter, Query
@@ -18,7 +18,7 @@ from service.api.wire.uploads import read_body
 from service.errors import InvalidInput, NotFound
 from service.mapping.cloud import PROBE_POINTS
 from service.mapping.spec import Functions
-from service.runtime.composition import Proposal, check_proposals, check_records, propose
+from service.runtime.composition import Proposal, check_proposals, check_records, propose, with_functions
 from service.runtime.cost import check_cost, cost_of
 from service.runtime.parts import Runtime
 from service.storage.ids import is_id
@@ -66,13 +66,16 @@ async def compose(
     """
     composition = await _read(request)
     members = await _members(runtime, composition)
-    cost = cost_of(members[0][0].spec, *(functions for _, functions in members))
-    with runtime.gates.points.admit(PROBE_POINTS * len(members) * cost):
-        proposals = await while_connected(request, runtime.run(propose, members, composition.mode))
-    records, any_new = await _keep(request, runtime, proposals, cost)
+    proposed = propose(members, composition.mode)
+    records = await runtime.store.records([record.id for record in proposed])
+    fresh = [record for record in proposed if record.id not in records]
+    any_new = False
+    if fresh:
+        kept, any_new = await _make(request, runtime, members, fresh)
+        records |= {record.id: record for record in kept}
     if any_new:
         response.status_code = 201
-    objects = [StoredObject.of(record, runtime.settings.root_path) for record in records]
+    objects = [StoredObject.of(records[record.id], runtime.settings.root_path) for record in proposed]
     if composition.mode == "all":
         return ComposedObjects(objects=objects)
     if any_new:
@@ -92,10 +95,8 @@ async def _read(request: Request) -> Composition:
         raise RequestValidationError(errors) from error
 
 
-async def _members(runtime: Runtime, composition: Composition) -> list[tuple[Record, Functions]]:
-    """Return the objects that the body names, each with its functions.
-
-    Functions are read once for each object, and only after all records were found to go together.
+async def _members(runtime: Runtime, composition: Composition) -> list[Record]:
+    """Return the records of the objects that the body names.
 
     Raises
     ------
@@ -107,24 +108,29 @@ async def _members(runtime: Runtime, composition: Composition) -> list[tuple[Rec
     for index, object_id in enumerate(ids):
         if object_id not in records:
             raise NotFound(f"objects[{index}]: there is no object of this id", field=f"objects[{index}]")
-    check_records([records[object_id] for object_id in ids], composition.mode)
-    members = {object_id: await runtime.store.get(object_id) for object_id in dict.fromkeys(ids)}
-    return [members[object_id] for object_id in ids]
+    members = [records[object_id] for object_id in ids]
+    check_records(members, composition.mode)
+    return members
 
 
-async def _keep(
-    request: Request, runtime: Runtime, proposals: Sequence[Proposal], cost: int
+async def _make(
+    request: Request, runtime: Runtime, members: Sequence[Record], fresh: Sequence[Record]
 ) -> tuple[list[Record], bool]:
-    """Keep the proposed objects; return their records, and whether any is new.
+    """Keep the objects that are not stored yet; return the records that are kept, and whether any is new.
 
-    Objects that cannot be sampled are refused before any is kept. `cost` is that of a point of each object.
+    The work is admitted before any function is read. Objects that cannot be sampled are refused before any is kept.
     """
-    kept = await runtime.store.records([proposal.record.id for proposal in proposals])
-    fresh = [proposal for proposal in proposals if proposal.record.id not in kept]
-    if not fresh:
-        return [kept[proposal.record.id] for proposal in proposals], False
+    cost = cost_of(members[0].spec, [record.color_spec for record in members if record.color_spec])
     n = PROBE_POINTS * len(fresh)
     check_cost(n, cost, runtime.settings.max_points, "objects")
-    with runtime.gates.points.admit(n * cost):
-        await while_connected(request, runtime.run(check_proposals, fresh))
-    return await runtime.store.put_all([(proposal.record, proposal.own) for proposal in proposals])
+    with runtime.gates.points.admit(max(n, PROBE_POINTS * len(members)) * cost):
+        functions = {object_id: (await runtime.store.get(object_id))[1] for object_id in {each.id for each in members}}
+        proposals = await while_connected(request, runtime.run(_checked, fresh, functions))
+        return await runtime.store.put_all([(proposal.record, proposal.own) for proposal in proposals])
+
+
+def _checked(fresh: Sequence[Record], functions: Mapping[str, Functions]) -> list[Proposal]:
+    """Return the new objects with their functions. Raises InvalidParameter if points of one exceed float32."""
+    proposals = [with_functions(record, functions) for record in fresh]
+    check_proposals(proposals)
+    return proposals

@@ -26,7 +26,7 @@ from service.api.wire.uploads import read_body
 from service.errors import InvalidParameter
 from service.formats.weights import Weights, load
 from service.mapping.cloud import PROBE_POINTS, check_finite
-from service.runtime.cost import cost_of
+from service.runtime.cost import cost_of_object
 from service.storage.ids import imported_id
 from service.storage.store import Record
 
@@ -66,10 +66,10 @@ async def import_object(
     with gates.uploads.admit(0, client_of(request.scope)) as upload:
         body = await read_body(request, max_bytes, upload)
         weights = await while_connected(request, runtime.run(_load_one_function, body))
-        spec, functions = weights.spec, weights.functions
-        with gates.points.admit(PROBE_POINTS * cost_of(spec, functions)):
-            await while_connected(request, runtime.run(check_finite, spec, functions))
-        record, is_new = await runtime.store.put(_record(weights), functions)
+        proposed, functions = _record(weights), weights.functions
+        with gates.points.admit(PROBE_POINTS * cost_of_object(proposed)):
+            await while_connected(request, runtime.run(check_finite, weights.spec, functions))
+        record, is_new = await runtime.store.put(proposed, functions)
     answer = StoredObject.of(record, runtime.settings.root_path)
     if is_new:
         response.status_code = 201

@@ -1,5 +1,6 @@
 """GET /objects/{id}/points: an object's point cloud, streamed as a file."""
 
+from collections.abc import AsyncIterator
 from typing import Annotated
 
 from fastapi import APIRouter, Query
@@ -12,7 +13,8 @@ from service.api.routes.file_answers import NOT_ACCEPTABLE, FileAnswer, file_res
 from service.api.wire.caching import accepts_gzip
 from service.api.wire.disconnects import AdmittedStream
 from service.formats.points.registry import POINT_FORMATS
-from service.runtime.cost import check_cost, check_size, cost_of, in_flight
+from service.mapping.canonical import check_range
+from service.runtime.cost import check_cost, check_size, cost_of_object, in_flight
 from service.runtime.shapes import cloud_of
 from service.runtime.streaming import gzipped, stream
 
@@ -35,11 +37,12 @@ async def points(
     """
     fmt, settings = format_of(request, query.format, POINT_FORMATS), runtime.settings
     check_size(fmt, query.n, settings.max_points)
-    record, functions = await runtime.store.get(id_)
-    cloud = cloud_of(record.spec, functions, query)
-    cost = cost_of(record.spec, cloud.functions)
+    check_range(query.n, query.seed, query.offset, query.sampling)
+    record = await runtime.store.record(id_)
+    in_color = query.color == "auto" and record.color_spec is not None
+    cost = cost_of_object(record, in_color=in_color)
     check_cost(query.n, cost, settings.max_points, "n")
-    fmt = fmt.holding(color=cloud.functions.color is not None)
+    fmt = fmt.holding(color=in_color)
     is_gzipped = fmt.is_text and accepts_gzip(request.headers.get("accept-encoding"))
     answer = FileAnswer(
         id_,
@@ -53,8 +56,11 @@ async def points(
     )
     if response := answer.without_file(request):
         return response
-    pieces = stream(fmt, cloud, runtime.run, settings.threads)
-    if is_gzipped:
-        pieces = gzipped(pieces, runtime.run)
+
+    async def begin() -> AsyncIterator[bytes]:
+        _, functions = await runtime.store.get(id_)
+        pieces = stream(fmt, cloud_of(record.spec, functions, query), runtime.run, settings.threads)
+        return gzipped(pieces, runtime.run) if is_gzipped else pieces
+
     amount = cost * in_flight(query.n, settings.threads)
-    return AdmittedStream(pieces, runtime.gates.points, amount, answer.headers, answer.media_type)
+    return AdmittedStream(begin, runtime.gates.points, amount, answer.headers, answer.media_type)

@@ -9,10 +9,9 @@ from starlette.responses import Response
 from service.api.dependencies import ObjectId, ReadyRuntime
 from service.api.queries import WeightsQuery
 from service.api.routes.file_answers import FileAnswer, file_responses
-from service.api.wire.disconnects import while_connected
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump
 from service.mapping.cloud import PROBE_POINTS
-from service.runtime.cost import cost_of
+from service.runtime.cost import cost_of_object
 
 router = APIRouter(prefix="/objects", tags=["objects"])
 
@@ -30,11 +29,15 @@ async def weights(
     The file of a composed object holds its k thetas and its word. Of an object in color, safetensors and JSON also
     hold the color's weights and their spec. An ONNX file is one function, x -> points, which runs anywhere.
     """
-    record, functions = await runtime.store.get(id_)
+    record = await runtime.store.record(id_)
     answer = FileAnswer(id_, WEIGHT_FORMATS[query.format], query.format)
     if response := answer.without_file(request):
         return response
-    word = record.members if record.kind == "composed" else ()
-    content = Weights(record.spec, functions.theta, record.model, word, functions.color)
-    with runtime.gates.points.admit(PROBE_POINTS * cost_of(record.spec, functions)):
-        return answer.with_file(await while_connected(request, runtime.run(dump, content, query.format)))
+
+    async def compute() -> bytes:
+        _, functions = await runtime.store.get(id_)
+        word = record.members if record.kind == "composed" else ()
+        content = Weights(record.spec, functions.theta, record.model, word, functions.color)
+        return await runtime.run(dump, content, query.format)
+
+    return answer.with_file(compute, runtime.gates.points, PROBE_POINTS * cost_of_object(record))

@@ -250,6 +250,7 @@ def test_serve_with_all_flags_sets_every_setting(
         "max_queued_images": 9,
         "max_points_in_flight": 10,
         "max_upload_bytes": 11,
+        "max_answer_bytes": 12,
         "client_timeout_s": 12,
         "drain_s": 7,
         "shutdown_s": 8,
