@@ -147,7 +147,7 @@ class ColorConfig:
 
 @dataclass(frozen=True)
 class DeviceOptions:
-    """Where and how a run trains. None of it decides what is learned, so no checkpoint stores it."""
+    """Device and manner of a run's training. None of it decides what is learned, so no checkpoint stores it."""
 
     device: Device = option("auto", "device to train on; auto: CUDA if there is one")  # noqa: RUF009 - a field
     packed: str | None = option(None, "folder of `hof-model data pack` to train from, in place of --data")

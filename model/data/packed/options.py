@@ -1,4 +1,4 @@
-"""What `hof-model data pack` keeps of a data set. Each field but the framing is a flag."""
+"""Options of `hof-model data pack`: the parts of a data set that it keeps. Each field but the framing is a flag."""
 
 from dataclasses import dataclass, field
 from typing import Final

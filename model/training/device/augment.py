@@ -1,4 +1,4 @@
-"""What `model.data.augment` does to rendered views, for a whole batch at once on any device.
+"""Augmentation of a whole batch on any device, as `model.data.augment` does it view by view.
 
 The same families of changes with the same distributions. Every image is computed each way and the result selected,
 so that shapes are fixed and no step waits for the host. Random numbers come from torch's default generator.

@@ -1,4 +1,4 @@
-"""Which device a run trains on, and by which loop."""
+"""Choice of the device that a run trains on, and of its loop."""
 
 import torch
 

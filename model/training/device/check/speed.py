@@ -1,4 +1,4 @@
-"""How fast training is on a device, and where its time goes, on random data of a real set's sizes."""
+"""Speed of training on a device, and where its time goes, on random data of a real set's sizes."""
 
 import statistics
 import time
