@@ -65,13 +65,11 @@ class Postgres:
         """Stop all processes of the server until the block ends; the kernel still accepts connections for them."""
         pid = (self.folder / "data" / "postmaster.pid").read_text().split()[0]
         pids = [int(pid), *map(int, Path(f"/proc/{pid}/task/{pid}/children").read_text().split())]
-        for each in pids:
-            os.kill(each, signal.SIGSTOP)
+        _signal(pids, signal.SIGSTOP)
         try:
             yield
         finally:
-            for each in pids:
-                os.kill(each, signal.SIGCONT)
+            _signal(pids, signal.SIGCONT)
 
     @contextmanager
     def bouncer(self, url: str, port: int | None = None) -> Iterator[str]:
@@ -132,3 +130,10 @@ def _wait_for(port: int, process: subprocess.Popen[bytes]) -> None:
 
 
 EVERY_DATABASE = pytest.mark.parametrize("database_url", ["sqlite", "postgresql"], indirect=True)
+
+
+def _signal(pids: list[int], number: signal.Signals) -> None:
+    """Send a signal to processes; a backend whose client left may have ended meanwhile."""
+    for pid in pids:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(pid, number)
