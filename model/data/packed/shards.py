@@ -55,7 +55,7 @@ class Row:
 
     @property
     def is_own(self) -> bool:
-        """Whether this is an object's own shape."""
+        """Return whether this is an object's own shape."""
         return self.shape < OWN
 
 
