@@ -11,7 +11,7 @@
     ├── InUse                   409  an object that a composed object uses
     ├── NotAcceptable           406  no format satisfies the Accept header
     ├── TooLarge                413  more bytes or pixels than the limit
-    ├── UnsupportedMedia        415  a body that is not PNG, JPEG or WebP
+    ├── UnsupportedMedia        415  a body that is not an image of a supported type
     ├── Misdirected             421  a host name that is not this service's
     ├── InvalidParameter        422  a parameter unknown, of the wrong type or out of range
     │   ├── NoObjectFound            no object to encode in the image

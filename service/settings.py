@@ -133,7 +133,10 @@ class Settings(BaseSettings):
     )
     max_image_bytes: int = Field(default=20 * MIB, ge=1, description="largest image accepted, bytes")
     max_image_pixels: int = Field(
-        default=DEFAULT_MAX_PIXELS, ge=1, description="largest image accepted, pixels (width x height)"
+        default=DEFAULT_MAX_PIXELS,
+        ge=1,
+        description="largest image accepted, pixels (width x height); a JPEG may have 8 times as many; decoding takes "
+        "up to 12 bytes for each pixel of this limit",
     )
     max_weights_bytes: int = Field(default=8 * MIB, ge=1, description="largest weights file accepted, bytes")
     max_points: int = Field(

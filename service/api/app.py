@@ -39,7 +39,7 @@ from service.api.routes import (
     weights,
 )
 from service.api.tracing import telemetry
-from service.encoding.decode import ignore_metadata_warnings
+from service.encoding.decode import configure_pillow
 from service.encoding.matting import Matting
 from service.encoding.registry import Models
 from service.mapping import compiled
@@ -135,7 +135,7 @@ async def _lifespan(settings: Settings, app: FastAPI) -> AsyncIterator[None]:
         matting = await asyncio.to_thread(Matting.of, settings.matting_model, settings.threads)
         await asyncio.to_thread(compiled.load)
         hold_blas_to_one_thread()
-        ignore_metadata_warnings()
+        configure_pillow()
         store = await Store.open_once_reachable(
             settings.database_url, settings.database_timeout_s, settings.database_connections
         )

@@ -10,7 +10,8 @@ import numpy as np
 from pydantic import BaseModel, Field, computed_field
 from pydantic.json_schema import SkipJsonSchema
 
-from service.encoding.framing import Framed, Mask
+from service.encoding.framing import Framed
+from service.encoding.masks import Mask
 from service.encoding.report import ImageReport as Report
 from service.mapping.frame import Frame
 from service.mapping.spec import CACHED_SPECS, Activation, Array, Domain, Functions, MappingSpec

@@ -101,7 +101,7 @@ def _parser() -> argparse.ArgumentParser:
 def _add_commands(stages: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Add the commands that need no server (`service.cli.files`)."""
     encode = stages.add_parser("encode", help="turn a photo into points or weights", description=files.encode.__doc__)
-    encode.add_argument("photo", type=Path, help="PNG, JPEG or WebP; - for stdin")
+    encode.add_argument("photo", type=Path, help="PNG, JPEG, WebP or AVIF, or HEIC with the extra `heic`; - for stdin")
     _add_output(encode, [*(fmt.extension for fmt in POINT_FORMATS.values()), WEIGHT_FORMATS["safetensors"].extension])
     _add_sampling(encode)
     encode.add_argument("--background", choices=get_args(Background), help="background removal; default: auto")
@@ -110,7 +110,7 @@ def _add_commands(stages: "argparse._SubParsersAction[argparse.ArgumentParser]")
         type=float,
         help="share of the input that the object fills, 0.1 to 1; default: the model's",
     )
-    _add_settings(encode, only={"model", "matting_model", "threads"})
+    _add_settings(encode, only={"model", "matting_model", "max_image_pixels", "threads"})
     encode.set_defaults(run=files.encode)
 
     sample = stages.add_parser("sample", help="turn a weights file into points", description=files.sample.__doc__)

@@ -4,27 +4,22 @@ decode (limits, EXIF, every color mode) -> mask (alpha, else a uniform border, e
 -> square crop around the object -> resize -> composite over white -> (1, 3, size, size) float32 in [0, 1].
 """
 
-from collections.abc import Callable
+import threading
 from dataclasses import dataclass
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from PIL import Image, ImageChops
+from PIL import Image
 
-from service.encoding.decode import DEFAULT_MAX_PIXELS, WORK_SIDE, decode_with_size
+from service.encoding.decode import DEFAULT_MAX_PIXELS, check_stop, decode_with_size
+from service.encoding.masks import ALPHA_FLOOR, Mask, Matte, MattingFunction, matte_of
+from service.encoding.pixels import WORK_SIDE, reduction
 from service.errors import InvalidParameter, NoObjectFound
 
 Background = Literal["auto", "keep", "remove"]
-Mask = Literal["alpha", "border", "matting", "none"]
 Box = tuple[int, int, int, int]
-Matte = npt.NDArray[np.uint8]  # (H, W), 0 for background to 255 for the object
-MattingFunction = Callable[[Image.Image], Matte]  # takes an RGB image; `service.encoding.matting` implements it
 
-ALPHA_FLOOR: Final = 8  # of 255; fainter pixels are background
-BORDER_TOLERANCE: Final = 12  # of 255, largest channel difference to the border's median
-BORDER_SOFTNESS: Final = 16  # of 255; over this the matte rises from 0 to 1
-BORDER_SHARE: Final = 0.8  # of the border's pixels must be alike for a uniform border
 MATTING_FLOOR: Final = 128  # of 255; pixels above it are object in a matte from a network
 MIN_CONFIDENCE: Final = 0.7  # of a matte from a network; in 40 renders over photographs, wrong mattes had 0.42 to 0.61
 MIN_FOREGROUND: Final = 5e-4  # of the image's pixels
@@ -32,9 +27,6 @@ NO_MASK: Final = (
     "the background cannot be removed: the image has neither transparency nor a uniform border, and no matting "
     "model is loaded: set HOF_MATTING_MODEL, or U2NET_HOME to the folder of u2netp.onnx"
 )
-
-# Matte value for the largest channel difference from the border's color.
-_RAMP: Final = ((np.arange(256) - BORDER_TOLERANCE) * (255 / BORDER_SOFTNESS)).clip(0, 255).astype(int).tolist()
 
 
 @dataclass(frozen=True)
@@ -94,9 +86,9 @@ def frame(
     NoObjectFound : the mask is empty, or the matting model is not confident enough.
     InvalidParameter : `background="remove"`, but there is no mask.
     """
-    factor = max(1, -(-max(image.size) // WORK_SIDE))
+    factor = reduction(image.size)
     work = image.reduce(factor) if factor > 1 else image
-    mask, matte = ("none", None) if background == "keep" else _matte(work, matting)
+    mask, matte = ("none", None) if background == "keep" else matte_of(work, matting)
     if matte is None:
         if background == "remove":
             raise InvalidParameter(NO_MASK, field="background")
@@ -120,9 +112,14 @@ def preprocess(
     background: Background = "auto",
     max_pixels: int = DEFAULT_MAX_PIXELS,
     matting: MattingFunction | None = None,
+    stop: threading.Event | None = None,
 ) -> Framed:
-    """Turn the bytes of a photo into the encoder's input. Raises as `decode` and `frame` do."""
-    image, (width, height) = decode_with_size(data, max_pixels)
+    """Turn the bytes of a photo into the encoder's input.
+
+    Raises as `decode` and `frame` do, and concurrent.futures.CancelledError if `stop` is set meanwhile.
+    """
+    image, (width, height) = decode_with_size(data, max_pixels, stop)
+    check_stop(stop)
     crop = frame(image, framing, background, matting)
     x, y = width / image.width, height / image.height  # above 1 for a JPEG decoded at reduced size
     left, top, right, bottom = crop.box
@@ -138,38 +135,10 @@ def over_white(rgba: Image.Image) -> npt.NDArray[np.float32]:
     return np.ascontiguousarray(rgb.transpose(2, 0, 1)[None])  # (1, 3, size, size)
 
 
-def _matte(image: Image.Image, matting: MattingFunction | None) -> tuple[Mask, Matte | None]:
-    """Return the source of the mask, and the matte; None if no source applies."""
-    if image.mode == "RGBA":
-        return "alpha", np.asarray(image)[..., 3]
-    matte = _border_matte(image)
-    if matte is not None:
-        return "border", matte
-    return ("matting", matting(image)) if matting else ("none", None)
-
-
 def _confidence(matte: Matte) -> float:
     """Return the mean of a matte (H, W), weighted by the matte itself, in (0, 1]. It must not be all 0."""
     counts, levels = np.array(Image.fromarray(matte).histogram()), np.arange(256)
     return float((counts * levels**2).sum() / (counts * levels).sum() / 255)
-
-
-def _border_matte(image: Image.Image) -> Matte | None:
-    """Return the matte of the pixels that differ from a uniform border; None if the border is not uniform."""
-    edge = max(1, min(image.size) // 64)
-    color = np.median(_ring(np.asarray(image), edge), axis=0).astype(int)
-    difference = ImageChops.difference(image, Image.new("RGB", image.size, tuple(color.tolist())))
-    red, green, blue = difference.split()
-    farthest = ImageChops.lighter(ImageChops.lighter(red, green), blue)  # five times as fast in Pillow as in NumPy
-    if (_ring(np.asarray(farthest), edge) <= BORDER_TOLERANCE).mean() < BORDER_SHARE:
-        return None
-    return np.asarray(farthest.point(_RAMP))
-
-
-def _ring(pixels: npt.NDArray[np.uint8], edge: int) -> npt.NDArray[np.uint8]:
-    """Return the pixels within `edge` of a side, corners twice: (H, W, ...) -> (n, ...)."""
-    sides = (pixels[:edge], pixels[-edge:], pixels[:, :edge], pixels[:, -edge:])
-    return np.concatenate([side.reshape(-1, *pixels.shape[2:]) for side in sides])
 
 
 def _foreground_box(matte: Matte, floor: int) -> Box:

@@ -1,10 +1,11 @@
 """The opened parts of a running service: settings, models, store, worker threads, gates."""
 
 import asyncio
+import threading
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import ParamSpec, TypeVar
 
 from service.encoding.encoder import Encoder
@@ -61,11 +62,20 @@ class Runtime:
 
         If canceled before a thread takes it, it never runs; after that, the cancellation waits until it has ended.
         """
-        job = self.executor.submit(self.metrics.timed(function), *args, **kwargs)
+        return await self._run(partial(function, *args, **kwargs), lambda: None)
+
+    async def run_stoppable(self, function: Callable[[threading.Event], R]) -> R:
+        """Call a function as `run` does, with an event that is set if the call is canceled: the function should end."""
+        stop = threading.Event()
+        return await self._run(partial(function, stop), stop.set)
+
+    async def _run(self, function: Callable[[], R], on_cancel: Callable[[], None]) -> R:
+        job = self.executor.submit(self.metrics.timed(function))
         ended = asyncio.wrap_future(job)
         try:
             return await asyncio.shield(ended)
         except asyncio.CancelledError:
+            on_cancel()
             if not job.cancel():
                 await asyncio.wait((ended,))
                 ended.exception()  # retrieved here, because nobody else will

@@ -9,6 +9,7 @@ import pytest
 import yaml
 
 from service import __version__
+from service.encoding.decode import WORKING_BYTES
 from service.settings import MIB, Settings
 
 ROOT = Path(__file__).parents[2]
@@ -108,11 +109,11 @@ def test_grace_period_exceeds_drain_and_shutdown() -> None:
 
 
 def test_memory_limits_exceed_what_the_service_admits() -> None:
-    """Sum in MiB: idle (benchmarks/RESULTS.md), matting, uploads, and three RGBA copies of a photo for each thread."""
+    """Sum in MiB: idle (benchmarks/RESULTS.md), matting, uploads, and the decoding of a photo for each thread."""
     idle = re.search(r"Resident memory: (\d+) MiB idle", (ROOT / "benchmarks" / "RESULTS.md").read_text("utf-8"))
     assert idle
     limits, requests = CONTAINER["resources"]["limits"], CONTAINER["resources"]["requests"]
-    photos = int(limits["cpu"]) * 3 * 4 * _default("max_image_pixels") / MIB
+    photos = int(limits["cpu"]) * WORKING_BYTES * _default("max_image_pixels") / MIB
     assert _mib(limits["memory"]) > int(idle[1]) + 275 + _default("max_upload_bytes") / MIB + photos
     assert _mib(requests["memory"]) > int(idle[1]) + 275
 

@@ -42,10 +42,11 @@ router = APIRouter()
 
 Frame = Callable[[], Coroutine[Any, Any, Framed]]
 
+IMAGE_TYPES: Final = "PNG, JPEG, WebP or AVIF; HEIC if the service has the extra `heic`"
 FORM: Final = {
     "schema": {
         "type": "object",
-        "properties": {"image": {"type": "string", "format": "binary", "description": "PNG, JPEG or WebP"}},
+        "properties": {"image": {"type": "string", "format": "binary", "description": IMAGE_TYPES}},
         "required": ["image"],
     }
 }
@@ -57,6 +58,8 @@ REQUEST_BODY: Final = {
         "image/png": BINARY,
         "image/jpeg": BINARY,
         "image/webp": BINARY,
+        "image/avif": BINARY,
+        "image/heic": BINARY,
     },
 }
 RESPONSES: Final[Responses] = {
@@ -66,8 +69,11 @@ RESPONSES: Final[Responses] = {
     201: {"model": EncodedObject, "description": "A new object", "headers": OBJECT_LOCATION},
     400: {"model": Problem, "description": "A truncated or corrupt image; a malformed form"},
     408: BODY_STALLED,
-    413: {"model": Problem, "description": "More bytes or pixels than the limit"},
-    415: {"model": Problem, "description": "The body is not a PNG, JPEG or WebP by its content, or it is empty"},
+    413: {"model": Problem, "description": "More bytes, pixels, scans or memory for decoding than the limit"},
+    415: {
+        "model": Problem,
+        "description": "The body is not an image of a supported type by its content, or it is empty",
+    },
     422: {"model": Problem, "description": "A faulty parameter, or no object found in the image"},
     507: NO_SPACE,
     429: OVERLOADED,
@@ -99,7 +105,8 @@ async def encode(
     client = client_of(request.scope)
     with gates.images.admit(client=client), gates.uploads.admit(0, client) as upload:
         image = await read_image(request, max_bytes, upload)
-        frame = partial(runtime.run, preprocess, image, framing, query.background, max_pixels, runtime.matting)
+        args = (image, framing, query.background, max_pixels, runtime.matting)
+        frame = partial(runtime.run_stoppable, lambda stop: preprocess(*args, stop))
         if not query.store:
             framed, functions, box = await while_connected(request, _encode(frame, runtime, encoder))
             return EncodedWeights.of(encoder.name, encoder.spec, functions, box, framed)

@@ -2,7 +2,6 @@
 
 import contextlib
 import struct
-import zlib
 
 import numpy as np
 import pytest
@@ -14,20 +13,9 @@ from PIL.WebPImagePlugin import WebPImageFile
 from service.encoding.decode import decode
 from service.encoding.framing import Framing, preprocess
 from service.errors import CorruptImage, NoObjectFound, TooLarge, UnsupportedMedia
-from tests.support.photos import disc, image_file
+from tests.support.photos import disc, image_file, png_chunk, png_file
 
 FRAMING = Framing(size=64, foreground_ratio=0.85)
-
-
-def _chunk(kind: bytes, data: bytes) -> bytes:
-    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-
-
-def _png(width: int, height: int, depth: int, color_type: int, rows: bytes, *extra: bytes) -> bytes:
-    """Build a PNG from its raw rows, for the modes that Pillow does not write."""
-    header = struct.pack(">IIBBBBB", width, height, depth, color_type, 0, 0, 0)
-    chunks = [_chunk(b"IHDR", header), *extra, _chunk(b"IDAT", zlib.compress(rows)), _chunk(b"IEND", b"")]
-    return b"\x89PNG\r\n\x1a\n" + b"".join(chunks)
 
 
 def _near(image: Image.Image, at: tuple[int, int], color: tuple[int, ...], tolerance: int = 0) -> None:
@@ -69,23 +57,23 @@ def test_decode_with_exif_orientation_turns_the_image_upright(kind: str, orienta
 
 def test_decode_of_16_bit_gray_keeps_its_high_byte() -> None:
     rows = b"".join(b"\0" + struct.pack(">2H", 0x1234, 0xFFFF) for _ in range(2))
-    image = decode(_png(2, 2, 16, 0, rows))
+    image = decode(png_file(2, 2, 16, 0, rows))
     assert (image.getpixel((0, 0)), image.getpixel((1, 1))) == ((0x12,) * 3, (0xFF,) * 3)
 
 
 def test_decode_of_16_bit_rgb_keeps_its_high_bytes() -> None:
-    image = decode(_png(1, 1, 16, 2, b"\0" + struct.pack(">3H", 0x1234, 0x8000, 0xFFFF)))
+    image = decode(png_file(1, 1, 16, 2, b"\0" + struct.pack(">3H", 0x1234, 0x8000, 0xFFFF)))
     assert image.getpixel((0, 0)) == (0x12, 0x80, 0xFF)
 
 
 def test_decode_of_16_bit_alpha_keeps_it() -> None:
-    image = decode(_png(2, 1, 16, 6, b"\0" + struct.pack(">8H", 0x1234, 0x8000, 0xFFFF, 0x4000, 0, 0, 0, 0xFFFF)))
+    image = decode(png_file(2, 1, 16, 6, b"\0" + struct.pack(">8H", 0x1234, 0x8000, 0xFFFF, 0x4000, 0, 0, 0, 0xFFFF)))
     assert image.getpixel((0, 0)) == (0x12, 0x80, 0xFF, 0x40)
 
 
 def test_decode_of_16_bit_gray_with_a_transparent_value_gives_alpha() -> None:
     rows = b"\0" + struct.pack(">2H", 0x1234, 0xFFFF)
-    image = decode(_png(2, 1, 16, 0, rows, _chunk(b"tRNS", struct.pack(">H", 0xFFFF))))
+    image = decode(png_file(2, 1, 16, 0, rows, png_chunk(b"tRNS", struct.pack(">H", 0xFFFF))))
     assert (image.getpixel((0, 0)), image.getpixel((1, 0))) == ((0x12, 0x12, 0x12, 255), (255, 255, 255, 0))
 
 
@@ -179,14 +167,15 @@ def test_decode_of_a_damaged_file_raises_corrupt_image_or_reads_it(kind: str, da
 
 def _bombs() -> dict[str, bytes]:
     """Return small files whose headers announce huge images."""
-    white = Image.new("L", (6_000, 6_000), 255)
+    white, jpeg = Image.new("L", (6_000, 6_000), 255), image_file(disc(), "JPEG")
+    size = jpeg.index(b"\xff\xc0") + 5  # of the frame: height and width
     return {
-        "png": _png(30_000, 30_000, 8, 2, b""),
-        "jpeg": image_file(white, "JPEG"),
+        "png": png_file(30_000, 30_000, 8, 2, b""),
+        "jpeg": jpeg[:size] + struct.pack(">HH", 20_000, 20_000) + jpeg[size + 4 :],
         "webp": image_file(white.convert("RGB"), "WEBP", method=0),
         "webp beyond Pillow's limit": b"RIFF\x26\0\0\0WEBPVP8X\x0a\0\0\0" + bytes(4) + b"\xff\x3f\0\xff\x3f\0",
         "webp lossless": image_file(white.convert("RGB"), "WEBP", lossless=True, quality=0, method=0),
-        "png one line": _png(2_000_000, 1, 8, 0, b""),
+        "png one line": png_file(2_000_000, 1, 8, 0, b""),
     }
 
 

@@ -110,8 +110,8 @@ def test_confidence_without_a_mask_is_none() -> None:
 
 
 def test_preprocess_with_a_small_ratio_makes_no_huge_crop(monkeypatch: pytest.MonkeyPatch) -> None:
-    image = Image.new("RGBA", (1024, 1024), "black")
-    image.putpixel((0, 0), (0, 0, 0, 0))
+    image = Image.new("RGBA", (1024, 1024), (0, 0, 0, 0))
+    ImageDraw.Draw(image).ellipse((0, 0, 1023, 1023), fill="black")
     cropped = []
     original = Image.Image.crop
 

@@ -1,0 +1,106 @@
+"""PNG: chunks. Kept are those that decide pixels: IHDR, PLTE, tRNS of palettes, and IDAT."""
+
+import re
+import struct
+from typing import Final
+
+from service.encoding.containers.container import (
+    MAX_METADATA_BYTES,
+    MAX_PROFILE_BYTES,
+    ColorKey,
+    Container,
+    check_count,
+    unpacked,
+)
+from service.encoding.containers.exif import orientation_of
+from service.errors import CorruptImage
+
+SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
+END: Final = b"\0\0\0\0IEND\xaeB`\x82"
+PALETTE: Final = 3  # color type
+KEY_VALUES: Final = {0: 1, 2: 3}  # color type -> numbers of a transparent value: gray, RGB
+TEXT: Final = (b"tEXt", b"zTXt", b"iTXt")
+HEX_EXIF: Final = re.compile(rb"\s*exif\s+\d+\s+([0-9a-fA-F\s]*)")  # as ImageMagick writes it
+
+
+def read(data: bytes) -> Container:
+    """Read the chunks of a PNG. Raises CorruptImage, TooLarge."""
+    header, kept, metadata = b"", [], _Metadata()
+    transparency: bytes | None = None
+    at, count = len(SIGNATURE), 0
+    while at + 8 <= len(data):
+        count += 1
+        check_count(count, "chunks")
+        length, kind = int.from_bytes(data[at : at + 4], "big"), data[at + 4 : at + 8]
+        begin, end = at + 8, min(at + 8 + length, len(data))
+        if kind == b"IHDR" and not header:
+            header = data[begin:end]
+            kept.append(data[at : end + 4])
+        elif kind == b"IDAT":
+            kept.append(struct.pack(">I", end - begin) + data[at + 4 : end] + b"\0\0\0\0")  # Pillow reads no sum here
+        elif kind == b"PLTE" or (kind == b"tRNS" and header[9:10] == bytes([PALETTE])):
+            kept.append(data[at : end + 4])
+        elif kind == b"tRNS":
+            transparency = data[begin:end]
+        elif kind == b"IEND":
+            break
+        else:
+            metadata.add(kind, data[begin:end])
+        at = end + 4
+    if len(header) < 13:
+        raise CorruptImage("the image is truncated or corrupt: it has no PNG header", field="image")
+    width, height, depth, color = struct.unpack_from(">IIBB", header)
+    return Container(
+        b"".join((SIGNATURE, *kept, END)),
+        (width, height),
+        orientation_of(metadata.exif, metadata.xmp),
+        metadata.profile,
+        _color_key(transparency, color, depth),
+        depth,
+    )
+
+
+class _Metadata:
+    """The chunks that say how the pixels are to be shown; damaged ones are ignored."""
+
+    def __init__(self) -> None:
+        self.exif = self.xmp = b""
+        self.profile: bytes | None = None
+
+    def add(self, kind: bytes, data: bytes) -> None:
+        """Take over one chunk."""
+        if kind == b"eXIf":
+            self.exif = data
+        elif kind == b"iCCP":
+            packed = data.partition(b"\0")[2]  # after the name; a byte says how it is packed: 0, by zlib
+            self.profile = unpacked(packed[1:], MAX_PROFILE_BYTES) if packed[:1] == b"\0" else None
+        elif kind in TEXT:
+            key, _, rest = data.partition(b"\0")
+            if key == b"XML:com.adobe.xmp" or (key == b"Raw profile type exif" and not self.exif):
+                self._add_text(key, _text(kind, rest))
+
+    def _add_text(self, key: bytes, text: bytes) -> None:
+        if key.startswith(b"XML"):
+            self.xmp = text
+        elif match := HEX_EXIF.match(text):
+            digits = b"".join(match[1].split())
+            self.exif = bytes.fromhex(digits[: len(digits) // 2 * 2].decode("ascii"))
+
+
+def _text(kind: bytes, rest: bytes) -> bytes:
+    """Return the text of a chunk of some kind, after its keyword; empty if it is damaged or too long."""
+    if kind == b"tEXt":
+        return rest[:MAX_METADATA_BYTES]
+    is_packed = True
+    if kind == b"iTXt":
+        is_packed = rest[:1] == b"\1"
+        rest = b"\0" + rest[2:].partition(b"\0")[2].partition(b"\0")[2]  # after language and translated keyword
+    return (unpacked(rest[1:], MAX_METADATA_BYTES) or b"") if is_packed else rest[1 : MAX_METADATA_BYTES + 1]
+
+
+def _color_key(transparency: bytes | None, color: int, depth: int) -> ColorKey | None:
+    """Return the transparent value of a gray or RGB image; None if there is none. Bits above the depth are ignored."""
+    count = KEY_VALUES.get(color, 0)
+    if transparency is None or count == 0 or len(transparency) < 2 * count:
+        return None
+    return tuple(value & (2**depth - 1) for value in struct.unpack_from(f">{count}H", transparency))

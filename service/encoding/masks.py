@@ -1,0 +1,80 @@
+"""The object's matte in a photo: from its transparency, from a uniform border, or from a matting network."""
+
+from collections.abc import Callable
+from typing import Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image, ImageChops
+
+Mask = Literal["alpha", "border", "matting", "none"]
+Matte = npt.NDArray[np.uint8]  # (H, W), 0 for background to 255 for the object
+MattingFunction = Callable[[Image.Image], Matte]  # takes an RGB image; `service.encoding.matting` implements it
+
+ALPHA_FLOOR: Final = 8  # of 255; fainter pixels are background
+MIN_TRANSPARENT: Final = 0.05  # of the pixels; less is rounded corners or stray pixels, and separates nothing
+BORDER_TOLERANCE: Final = 12  # of 255, largest channel difference to the border's median
+BORDER_SOFTNESS: Final = 16  # of 255; over this the matte rises from 0 to 1
+BORDER_SHARE: Final = 0.8  # of the border's pixels must be alike for a uniform border
+
+# Matte value for the largest channel difference from the border's color.
+_RAMP: Final = ((np.arange(256) - BORDER_TOLERANCE) * (255 / BORDER_SOFTNESS)).clip(0, 255).astype(int).tolist()
+
+
+def matte_of(image: Image.Image, matting: MattingFunction | None) -> tuple[Mask, Matte | None]:
+    """Return the source of the mask, and the matte of an RGB or RGBA image; None if no source applies."""
+    if image.mode == "RGBA":
+        alpha = np.asarray(image)[..., 3]
+        if _separates(alpha):
+            return "alpha", alpha
+        return _matte_within(image, alpha, matting)
+    matte = _border_matte(image)
+    if matte is not None:
+        return "border", matte
+    return ("matting", matting(image)) if matting else ("none", None)
+
+
+def _separates(alpha: Matte) -> bool:
+    """Return whether an alpha (H, W) tells an object from a background, not counting a thin frame."""
+    edge, highest = _edge(alpha.shape[:2]), int(alpha.max())
+    inner = alpha[edge:-edge, edge:-edge] if min(alpha.shape) > 2 * edge else alpha
+    return highest <= ALPHA_FLOOR or bool((2 * inner.astype(int) < highest).mean() >= MIN_TRANSPARENT)
+
+
+def _matte_within(image: Image.Image, alpha: Matte, matting: MattingFunction | None) -> tuple[Mask, Matte | None]:
+    """Return source and matte of an RGBA image as if its few transparent pixels were more of its border."""
+    opacity = (alpha / alpha.max() * 255).astype(np.uint8)
+    left, top, right, bottom = box = Image.fromarray((opacity >= 128).astype(np.uint8)).getbbox() or (0, 0, *image.size)
+    inner, opacity = image.crop(box), opacity[top:bottom, left:right]
+    edge = _edge(inner.size)
+    ring = _ring(np.asarray(inner)[..., :3], edge)[_ring(opacity, edge) >= 128]
+    fill = Image.new("RGB", inner.size, tuple(np.median(ring, axis=0).astype(int).tolist()))
+    mask, matte = matte_of(Image.composite(inner.convert("RGB"), fill, Image.fromarray(opacity)), matting)
+    if matte is None:
+        return mask, None
+    whole = np.zeros_like(alpha)
+    whole[top:bottom, left:right] = np.minimum(matte, opacity)
+    return mask, whole
+
+
+def _border_matte(image: Image.Image) -> Matte | None:
+    """Return the matte of the pixels that differ from a uniform border; None if the border is not uniform."""
+    edge = _edge(image.size)
+    color = np.median(_ring(np.asarray(image), edge), axis=0).astype(int)
+    difference = ImageChops.difference(image, Image.new("RGB", image.size, tuple(color.tolist())))
+    red, green, blue = difference.split()
+    farthest = ImageChops.lighter(ImageChops.lighter(red, green), blue)  # five times as fast in Pillow as in NumPy
+    if (_ring(np.asarray(farthest), edge) <= BORDER_TOLERANCE).mean() < BORDER_SHARE:
+        return None
+    return np.asarray(farthest.point(_RAMP))
+
+
+def _edge(size: tuple[int, ...]) -> int:
+    """Return the width of an image's border, pixels."""
+    return max(1, min(size) // 64)
+
+
+def _ring(pixels: npt.NDArray[np.uint8], edge: int) -> npt.NDArray[np.uint8]:
+    """Return the pixels within `edge` of a side, corners twice: (H, W, ...) -> (n, ...)."""
+    sides = (pixels[:edge], pixels[-edge:], pixels[:, :edge], pixels[:, -edge:])
+    return np.concatenate([side.reshape(-1, *pixels.shape[2:]) for side in sides])
