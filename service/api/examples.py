@@ -34,7 +34,7 @@ ERRORS: Final[dict[str, tuple[str, str]]] = {  # status: title, detail
     "408": ("Stalled", "the client sent nothing for 30 s"),
     "409": ("In use", "composed objects use it: 9b1d1c4d5e6f7a8b2f7f3b52a9a1c0de; delete them first"),
     "413": ("Too large", "the body has more bytes than the limit"),
-    "415": ("Unsupported media type", "the body is not a PNG, JPEG or WebP"),
+    "415": ("Unsupported media type", "the body is not a PNG, JPEG, WebP, AVIF or HEIC image"),
     "421": ("Misdirected request", "the service has no host of this name; set --allowed-hosts"),
     "422": ("Invalid parameter", "n: Input should be less than or equal to 10000000"),
     "429": ("Overloaded", "more work than the service accepts at a time; try again later"),

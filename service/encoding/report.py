@@ -3,7 +3,8 @@
 import json
 from dataclasses import asdict, dataclass
 
-from service.encoding.framing import Box, Framed, Mask
+from service.encoding.framing import Box, Framed
+from service.encoding.masks import Mask
 
 
 @dataclass(frozen=True)
