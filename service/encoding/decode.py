@@ -41,6 +41,7 @@ _DECODE_ERRORS = (
     EOFError,
     OverflowError,
     RuntimeError,  # pillow-heif's
+    AssertionError,  # Pillow's, about the bytes
     struct.error,
     zlib.error,
 )

@@ -50,6 +50,9 @@ def read(data: bytes) -> Container:
     if len(header) < 13:
         raise CorruptImage("the image is truncated or corrupt: it has no PNG header", field="image")
     width, height, depth, color = struct.unpack_from(">IIBB", header)
+    kinds = [chunk[4:8] for chunk in kept]
+    if color == PALETTE and b"PLTE" not in kinds[: kinds.index(b"IDAT") if b"IDAT" in kinds else None]:
+        raise CorruptImage("the image is truncated or corrupt: it has no palette before its pixels", field="image")
     return Container(
         b"".join((SIGNATURE, *kept, END)),
         (width, height),

@@ -162,6 +162,14 @@ def test_decode_of_a_damaged_file_raises_corrupt_image_or_reads_it(kind: str, da
         preprocess(bytes(data), FRAMING, max_pixels=1_000_000)
 
 
+def test_decode_of_a_palette_image_without_its_palette_raises_corrupt_image() -> None:
+    rows, transparency, palette = b"\0\0", png_chunk(b"tRNS", b"\0"), png_chunk(b"PLTE", bytes(3))
+    late = png_file(1, 1, 8, 3, rows, transparency)
+    for file in (late, png_file(1, 1, 8, 3, rows), late[:-12] + palette + late[-12:]):
+        with pytest.raises(CorruptImage):
+            decode(file)
+
+
 # --- limits ---------------------------------------------------------------------------------------
 
 
