@@ -15,7 +15,7 @@ from service.encoding.masks import Mask
 from service.encoding.report import ImageReport as Report
 from service.mapping.frame import Frame
 from service.mapping.spec import CACHED_SPECS, Activation, Array, Domain, Functions, MappingSpec
-from service.storage.store import Kind, Record
+from service.storage.rows import Kind, Record
 
 Responses = dict[int | str, dict[str, Any]]  # of a route, by status, as FastAPI takes them
 

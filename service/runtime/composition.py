@@ -16,7 +16,7 @@ from service.formats.weights import MAX_LABEL
 from service.mapping.box import examine
 from service.mapping.spec import Array, Color, Functions, MappingSpec, joined
 from service.storage.ids import composed_id, interpolated_id
-from service.storage.store import Record
+from service.storage.rows import Record
 
 Mode = Literal["compose", "interpolate", "all"]
 

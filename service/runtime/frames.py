@@ -8,7 +8,7 @@ from service.mapping.box import PROBE_POINTS, measure
 from service.mapping.frame import Frame
 from service.runtime.cost import cost_of
 from service.runtime.parts import Runtime
-from service.storage.store import Record
+from service.storage.rows import Record
 
 
 async def completed(runtime: Runtime, record: Record, image: ImageReport | None = None) -> tuple[Record, Frame]:

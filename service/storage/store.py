@@ -7,58 +7,29 @@ import asyncio
 import logging
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
-from datetime import UTC, datetime
-from functools import lru_cache, partial
-from typing import Any, Final, Literal
+from functools import partial
+from typing import Final
 
-import numpy as np
-from sqlalchemy import Connection, Row, bindparam, func, select
+from sqlalchemy import Connection, bindparam, func, select
 from sqlalchemy.exc import IntegrityError
 
 from service.encoding.report import ImageReport
 from service.errors import InUse, NotFound, StoreUnavailable, UnreachableStore
 from service.mapping.frame import Frame
-from service.mapping.spec import CACHED_SPECS, Array, Color, Functions, MappingSpec, joined
+from service.mapping.spec import Functions, joined
 from service.settings import DATABASE_CONNECTIONS, DATABASE_TIMEOUT_S
 from service.storage.cursors import decode_cursor, encode_cursor
 from service.storage.database import connect, objects, uses
 from service.storage.faults import domain_error, reason_of, too_busy
+from service.storage.rows import HEADER, Record, functions_of, insert_all, record_of
 from service.storage.transactions import Database, R, Work
 
 logger: Final = logging.getLogger("hof")
-
-Kind = Literal["encoded", "imported", "composed", "interpolated"]
 
 ATTEMPTS: Final = 10  # of a write that other writes thwart
 REOPEN_S: Final = 1.0
 MAX_NAMED: Final = 10  # composed objects that a refused deletion lists
 ONE: Final = select(objects).where(objects.c.id == bindparam("of"))  # built once: every photo runs it
-HEADER: Final = [column for column in objects.columns if column.name not in ("theta", "color")]
-
-
-@dataclass(frozen=True)
-class Record:
-    """An object without its functions.
-
-    id : hexadecimal digest of the inputs (`service.storage.ids`).
-    created_at : UTC.
-    model : name of the model that produced its theta.
-    members : ids of the objects it was made from: a composed object's word, an interpolated object's parents.
-    color_spec : spec of its color function; None without color.
-    frame : its box; None if an older version of hof stored it and nobody has read it since.
-    image : report on the photo it was encoded from; None if there was none, or if an older version stored it.
-    """
-
-    id: str
-    kind: Kind
-    model: str
-    spec: MappingSpec
-    created_at: datetime
-    members: tuple[str, ...] = ()
-    color_spec: MappingSpec | None = None
-    frame: Frame | None = None
-    image: ImageReport | None = None
 
 
 class Store:
@@ -131,7 +102,7 @@ class Store:
             # Always in the same order, so that two calls for the same words cannot deadlock.
             fresh = sorted((pair for pair in proposed if pair[0].id not in kept), key=lambda pair: pair[0].members)
             try:
-                await self._run(partial(_insert_all, pairs=fresh))
+                await self._run(partial(insert_all, pairs=fresh))
             except IntegrityError:
                 kept = await self.records([record.id for record, _ in proposed])
                 for record, _ in fresh:
@@ -176,7 +147,7 @@ class Store:
         """Return the objects that exist among `ids`, by id, without their functions."""
         query = select(*HEADER).where(objects.c.id.in_(ids))
         rows = await self._run(lambda connection: connection.execute(query).all())
-        return {row.id: _record(row) for row in rows}
+        return {row.id: record_of(row) for row in rows}
 
     async def page(self, limit: int, cursor: str | None = None) -> tuple[list[Record], str | None]:
         """Return up to `limit` objects from the cursor on, newest first, and the cursor of the next page (None: last).
@@ -192,7 +163,7 @@ class Store:
             query = query.where(objects.c.seq < decode_cursor(cursor))
         rows = await self._run(lambda connection: connection.execute(query).all())
         more = len(rows) > limit
-        return [_record(row) for row in rows[:limit]], encode_cursor(rows[limit - 1].seq) if more else None
+        return [record_of(row) for row in rows[:limit]], encode_cursor(rows[limit - 1].seq) if more else None
 
     async def delete(self, object_id: str) -> None:
         """Delete an object.
@@ -254,11 +225,11 @@ def _find(connection: Connection, object_id: str) -> tuple[Record, Functions] | 
     row = connection.execute(ONE, {"of": object_id}).first()
     if row is None:
         return None
-    record = _record(row)
+    record = record_of(row)
     if record.kind != "composed":
-        return record, _functions(row)
+        return record, functions_of(row)
     query = select(objects).where(objects.c.id.in_(record.members))
-    members = {each.id: _functions(each) for each in connection.execute(query)}
+    members = {each.id: functions_of(each) for each in connection.execute(query)}
     if members.keys() != set(record.members):
         return None  # the object and a member were deleted between the two queries
     return record, joined([members[member] for member in record.members])
@@ -267,55 +238,3 @@ def _find(connection: Connection, object_id: str) -> tuple[Record, Functions] | 
 def _remove_orphans(connection: Connection) -> None:
     """Remove the uses by objects that do not exist, which programs leave that do not check foreign keys."""
     connection.execute(uses.delete().where(uses.c.composed_id.not_in(select(objects.c.id))))
-
-
-def _insert_all(connection: Connection, pairs: Sequence[tuple[Record, Functions | None]]) -> None:
-    for record, functions in pairs:
-        _insert(connection, record, functions)
-
-
-def _insert(connection: Connection, record: Record, functions: Functions | None) -> None:
-    color = functions.color if functions else None
-    values = {
-        "id": record.id,
-        "kind": record.kind,
-        "created_at": record.created_at,
-        "model": record.model,
-        "spec": record.spec.to_json(),
-        "members": " ".join(record.members),
-        "theta": _bytes(functions.theta) if functions else None,
-        "color": _bytes(color.weights) if color else None,
-        "color_spec": record.color_spec.to_json() if record.color_spec else None,
-        "frame": record.frame.to_bytes() if record.frame else None,
-        "image": record.image.to_json() if record.image else None,
-    }
-    connection.execute(objects.insert(), values)
-    if record.kind == "composed":
-        pairs = [{"composed_id": record.id, "member_id": member} for member in set(record.members)]
-        connection.execute(uses.insert(), pairs)
-
-
-_spec = lru_cache(CACHED_SPECS)(MappingSpec.from_json)
-
-
-def _record(row: Row[Any]) -> Record:
-    created_at = row.created_at.replace(tzinfo=UTC)  # SQLite drops the zone, which is always UTC
-    spec, members = _spec(row.spec), tuple(row.members.split())
-    color_spec = _spec(row.color_spec) if row.color_spec else None
-    frame = Frame.from_bytes(row.frame) if row.frame else None
-    image = ImageReport.from_json(row.image) if row.image else None
-    return Record(row.id, row.kind, row.model, spec, created_at, members, color_spec, frame, image)
-
-
-def _functions(row: Row[Any]) -> Functions:
-    if row.color is None:
-        return Functions(_array(row.theta))
-    return Functions(_array(row.theta), Color(_spec(row.color_spec), _array(row.color)))
-
-
-def _bytes(array: Array) -> bytes:
-    return np.ascontiguousarray(array, dtype="<f4").tobytes()
-
-
-def _array(data: bytes) -> Array:
-    return np.frombuffer(data, dtype="<f4").astype(np.float32, copy=False)

@@ -1,4 +1,4 @@
-"""What both databases offer: transactions on a pool of connections."""
+"""Transactions on a pool of connections, the interface of both databases."""
 
 from collections.abc import Callable
 from typing import Protocol, TypeVar

@@ -11,7 +11,7 @@ from service.encoding.framing import preprocess
 from service.mapping.spec import Functions
 from service.settings import SHIPPED_MODEL
 from service.storage.ids import encoded_id
-from service.storage.store import Record
+from service.storage.rows import Record
 
 
 class Work:

@@ -22,7 +22,7 @@ from service.runtime.composition import Proposal, check_records, examined, propo
 from service.runtime.cost import check_cost, cost_of
 from service.runtime.parts import Runtime
 from service.storage.ids import is_id
-from service.storage.store import Record
+from service.storage.rows import Record
 
 router = APIRouter()
 

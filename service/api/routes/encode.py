@@ -36,7 +36,7 @@ from service.mapping.spec import Functions
 from service.runtime.frames import completed
 from service.runtime.parts import Runtime
 from service.storage.ids import encoded_id
-from service.storage.store import Record
+from service.storage.rows import Record
 
 router = APIRouter()
 

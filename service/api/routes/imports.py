@@ -30,7 +30,7 @@ from service.mapping.frame import Frame
 from service.runtime.cost import cost_of
 from service.runtime.frames import completed
 from service.storage.ids import imported_id
-from service.storage.store import Record
+from service.storage.rows import Record
 
 router = APIRouter(prefix="/objects", tags=["objects"])
 

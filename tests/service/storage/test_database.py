@@ -15,8 +15,8 @@ from sqlalchemy import Connection
 
 from service.mapping.spec import HOF_1, Functions, initial_theta
 from service.storage.database import connect
+from service.storage.rows import Record
 from service.storage.sqlite import SQLITE_CONNECTIONS
-from service.storage.store import Record
 from tests.support.postgres import Postgres
 from tests.support.small.store import NOW, open_store
 

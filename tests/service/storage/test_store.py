@@ -11,7 +11,7 @@ import pytest
 
 from service.errors import InvalidParameter, NotFound
 from service.mapping.spec import HOF_1, Functions, initial_theta
-from service.storage.store import Record
+from service.storage.rows import Record
 from tests.support.postgres import EVERY_DATABASE
 from tests.support.small.store import SPEC, THETA, encoded_record, open_store
 

@@ -15,7 +15,7 @@ from service.mapping.sampler import Sampler
 from service.mapping.spec import Color, Functions, MappingSpec, initial_theta, joined, word_of
 from service.settings import Settings
 from service.storage.ids import composed_id, imported_id, interpolated_id
-from service.storage.store import Record
+from service.storage.rows import Record
 from tests.support.server import running
 from tests.support.small.store import open_store
 

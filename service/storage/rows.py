@@ -1,0 +1,98 @@
+"""Rows of the table of objects: write a record and its functions, read them back."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import lru_cache
+from typing import Any, Final, Literal
+
+import numpy as np
+from sqlalchemy import Connection, Row
+
+from service.encoding.report import ImageReport
+from service.mapping.frame import Frame
+from service.mapping.spec import CACHED_SPECS, Array, Color, Functions, MappingSpec
+from service.storage.database import objects, uses
+
+Kind = Literal["encoded", "imported", "composed", "interpolated"]
+
+HEADER: Final = [column for column in objects.columns if column.name not in ("theta", "color")]
+
+
+@dataclass(frozen=True)
+class Record:
+    """An object without its functions.
+
+    id : hexadecimal digest of the inputs (`service.storage.ids`).
+    created_at : UTC.
+    model : name of the model that produced its theta.
+    members : ids of the objects it was made from: a composed object's word, an interpolated object's parents.
+    color_spec : spec of its color function; None without color.
+    frame : its box; None if an older version of hof stored it and nobody has read it since.
+    image : report on the photo it was encoded from; None if there was none, or if an older version stored it.
+    """
+
+    id: str
+    kind: Kind
+    model: str
+    spec: MappingSpec
+    created_at: datetime
+    members: tuple[str, ...] = ()
+    color_spec: MappingSpec | None = None
+    frame: Frame | None = None
+    image: ImageReport | None = None
+
+
+def insert_all(connection: Connection, pairs: Sequence[tuple[Record, Functions | None]]) -> None:
+    """Insert objects and, of composed ones, the uses of their members."""
+    for record, functions in pairs:
+        _insert(connection, record, functions)
+
+
+def _insert(connection: Connection, record: Record, functions: Functions | None) -> None:
+    color = functions.color if functions else None
+    values = {
+        "id": record.id,
+        "kind": record.kind,
+        "created_at": record.created_at,
+        "model": record.model,
+        "spec": record.spec.to_json(),
+        "members": " ".join(record.members),
+        "theta": _bytes(functions.theta) if functions else None,
+        "color": _bytes(color.weights) if color else None,
+        "color_spec": record.color_spec.to_json() if record.color_spec else None,
+        "frame": record.frame.to_bytes() if record.frame else None,
+        "image": record.image.to_json() if record.image else None,
+    }
+    connection.execute(objects.insert(), values)
+    if record.kind == "composed":
+        pairs = [{"composed_id": record.id, "member_id": member} for member in set(record.members)]
+        connection.execute(uses.insert(), pairs)
+
+
+_spec = lru_cache(CACHED_SPECS)(MappingSpec.from_json)
+
+
+def record_of(row: Row[Any]) -> Record:
+    """Return the record in a row that has at least the columns of `HEADER`."""
+    created_at = row.created_at.replace(tzinfo=UTC)  # SQLite drops the zone, which is always UTC
+    spec, members = _spec(row.spec), tuple(row.members.split())
+    color_spec = _spec(row.color_spec) if row.color_spec else None
+    frame = Frame.from_bytes(row.frame) if row.frame else None
+    image = ImageReport.from_json(row.image) if row.image else None
+    return Record(row.id, row.kind, row.model, spec, created_at, members, color_spec, frame, image)
+
+
+def functions_of(row: Row[Any]) -> Functions:
+    """Return theta, and the color if there is one, of a whole row; not for composed objects, which have no theta."""
+    if row.color is None:
+        return Functions(_array(row.theta))
+    return Functions(_array(row.theta), Color(_spec(row.color_spec), _array(row.color)))
+
+
+def _bytes(array: Array) -> bytes:
+    return np.ascontiguousarray(array, dtype="<f4").tobytes()
+
+
+def _array(data: bytes) -> Array:
+    return np.frombuffer(data, dtype="<f4").astype(np.float32, copy=False)
