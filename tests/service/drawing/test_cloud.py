@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from service.drawing.cloud import EXTENT, FAR, GROUND, NEAR, WIDEST, draw
+from service.drawing.cloud import EXTENT, FAR, GROUND, NEAR, WIDEST, camera_axes, draw
 
 SIZE = 145  # a hundred pixels a unit
 
@@ -72,3 +72,12 @@ def test_draw_behind_an_edge_is_darker() -> None:
     assert np.ptp(left) == np.ptp(right) == 0
     assert rim.max() < 0.85 * right[0] < left[0]
     assert (row[np.r_[0:18, 128:SIZE]] == GROUND).all()
+
+
+def test_camera_axes_any_angle_is_a_right_handed_frame() -> None:
+    toward, right, up = camera_axes(0, 0)
+    assert toward.tolist() == [0, 0, 1]
+    assert right.tolist() == [1, 0, 0]
+    assert up.tolist() == [0, 1, 0]
+    toward, right, up = camera_axes(77, 31)
+    assert np.stack([right, up, toward]) @ np.stack([right, up, toward]).T == pytest.approx(np.eye(3), abs=1e-6)
