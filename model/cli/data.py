@@ -18,7 +18,25 @@ SPLITS: Final = ("train", "val", "test")
 
 def add_stages(data: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Declare the stages. Each sets `run`, a function of the parsed arguments."""
-    build = data.add_parser("build", help="render meshes, drop duplicates, split")
+    _add_build(data.add_parser("build", help="render meshes, drop duplicates, split"))
+    _add_vary(data.add_parser("vary", help="render a built data set's objects from free cameras and in other shapes"))
+    textures = data.add_parser("textures", help="collect the training objects' textures for `vary` and `make`")
+    textures.set_defaults(run=_textures)
+    _add_source(textures)
+    _add_make(data.add_parser("make", help="make procedural furniture and other things, for training only"))
+    notice = data.add_parser("notice", help="write the credits of the training objects, for NOTICE")
+    notice.set_defaults(run=_notice)
+    notice.add_argument("--data", type=Path, default=DATA, help="folder of the data set")
+    notice.add_argument("-o", "--output", type=Path, help="file; default: print it")
+    photographs = data.add_parser("photographs", help="download free photographs as backgrounds for training")
+    photographs.set_defaults(run=_photographs)
+    photographs.add_argument("--data", type=Path, default=DATA, help="folder of the data set")
+    add_pack(data.add_parser("pack", help="write a data set as a few large files, to train from on a GPU"), DATA)
+    _add_preview(data.add_parser("preview", help="write a contact sheet of views and points"))
+
+
+def _add_build(build: argparse.ArgumentParser) -> None:
+    """Declare the flags of `build`."""
     build.set_defaults(run=_build)
     build.add_argument("--out", type=Path, default=DATA, help="folder of the data set")
     build.add_argument("--sh3f", type=Path, help="folder of .sh3f files, or the .deb; default: download")
@@ -32,7 +50,10 @@ def add_stages(data: "argparse._SubParsersAction[argparse.ArgumentParser]") -> N
     build.add_argument("--limit", type=int, help="use only the first LIMIT meshes")
     build.add_argument("--seed", type=int, default=0, help="seed of the cameras, and of the split of new objects")
     build.add_argument("--processes", type=int, default=os.cpu_count() or 1, help="worker processes")
-    vary = data.add_parser("vary", help="render a built data set's objects from free cameras and in other shapes")
+
+
+def _add_vary(vary: argparse.ArgumentParser) -> None:
+    """Declare the flags of `vary`."""
     vary.set_defaults(run=_vary)
     _add_source(vary)
     vary.add_argument(
@@ -43,24 +64,15 @@ def add_stages(data: "argparse._SubParsersAction[argparse.ArgumentParser]") -> N
     )
     vary.add_argument("--views", type=int, default=12, help="views per shape")
     vary.add_argument("--processes", type=int, default=os.cpu_count() or 1, help="worker processes")
-    textures = data.add_parser("textures", help="collect the training objects' textures for `vary` and `make`")
-    textures.set_defaults(run=_textures)
-    _add_source(textures)
-    make = data.add_parser("make", help="make procedural furniture and other things, for training only")
+
+
+def _add_make(make: argparse.ArgumentParser) -> None:
+    """Declare the flags of `make`."""
     make.set_defaults(run=_make)
     make.add_argument("--data", type=Path, default=DATA, help="folder of the data set")
     make.add_argument("--pieces", type=int, default=9_000, help="number of pieces")
     make.add_argument("--views", type=int, default=10, help="views per piece")
     make.add_argument("--processes", type=int, default=os.cpu_count() or 1, help="worker processes")
-    notice = data.add_parser("notice", help="write the credits of the training objects, for NOTICE")
-    notice.set_defaults(run=_notice)
-    notice.add_argument("--data", type=Path, default=DATA, help="folder of the data set")
-    notice.add_argument("-o", "--output", type=Path, help="file; default: print it")
-    photographs = data.add_parser("photographs", help="download free photographs as backgrounds for training")
-    photographs.set_defaults(run=_photographs)
-    photographs.add_argument("--data", type=Path, default=DATA, help="folder of the data set")
-    add_pack(data.add_parser("pack", help="write a data set as a few large files, to train from on a GPU"), DATA)
-    _add_preview(data.add_parser("preview", help="write a contact sheet of views and points"))
 
 
 def _add_preview(preview: argparse.ArgumentParser) -> None:
@@ -76,8 +88,8 @@ def _add_source(stage: argparse.ArgumentParser) -> None:
     """Declare the options for a built data set and the meshes that it was built from."""
     stage.set_defaults(license="unknown", up="y", front=None)  # the data set's manifest has what `build` was told
     stage.add_argument("--data", type=Path, default=DATA, help="folder of the data set")
-    stage.add_argument("--sh3f", type=Path, help="as for `build`")
-    stage.add_argument("--meshes", type=Path, help="as for `build`")
+    stage.add_argument("--sh3f", type=Path, help="same as for `build`")
+    stage.add_argument("--meshes", type=Path, help="same as for `build`")
 
 
 def _build(arguments: argparse.Namespace) -> None:

@@ -15,6 +15,7 @@ from model.data.rendering.render import render_parts
 from model.data.sources.meshes import IDENTITY, MeshRecord, load_mesh
 from model.data.workers import run_with_report
 from service.files import whole_file
+from service.mapping.spec import Array
 
 OBJECTS: Final = "objects"
 MAX_STEM: Final = 200  # bytes of a file's name; the file system's limit is 255, with variants and temporary files
@@ -60,18 +61,22 @@ def build(
     if not rendered:
         raise ValueError(_no_mesh(report.failures))
     files = {entry.id: out / entry.file for entry in kept} | {id_: job.target for id_, job in rendered.items()}
-    clouds = {id_: np.load(file)["points"] for id_, file in tqdm(files.items(), desc="read", unit="object")}
-    repeats = duplicates(clouds, first={entry.id for entry in kept})
+    repeats = duplicates(_read_clouds(files), first={entry.id for entry in kept})
     fixed = {id_: split for id_ in rendered if split}
     fixed |= {entry.id: entry.split for entry in earlier.entries} | dict(frozen or {})
     splits = assign_splits([id_ for id_ in rendered if id_ not in repeats], seed, fixed)
     new = [_entry(rendered[id_].record, split_) for id_, split_ in splits.items()]
     entries = tuple(sorted([*kept, *new], key=lambda entry: entry.id))
-    losses = {**earlier.losses, **report.remarks}
-    losses = {entry.id: losses[entry.id] for entry in entries if entry.id in losses}
+    remarks = {**earlier.losses, **report.remarks}
+    losses = {entry.id: remarks[entry.id] for entry in entries if entry.id in remarks}
     manifest = Manifest(seed, entries, repeats, report.failures, losses)
     manifest.write(out / "manifest.json")
     return manifest
+
+
+def _read_clouds(files: Mapping[str, Path]) -> dict[str, Array]:
+    """Return the points of objects, by id."""
+    return {id_: np.load(file)["points"] for id_, file in tqdm(files.items(), desc="read", unit="object")}
 
 
 def _no_mesh(failures: Mapping[str, str]) -> str:

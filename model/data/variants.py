@@ -18,7 +18,7 @@ from model.data.rendering.render import SURFACE_POINTS, shoot, stage, stretch
 from model.data.rendering.surface import sample_surface
 from model.data.sources.meshes import MeshRecord, load_parts
 from model.data.warp import STRETCH, warp
-from model.data.workers import run_with_progress
+from model.data.workers import run_with_report
 from service.files import whole_file
 
 STRETCHED: Final = 4  # variants 1 to this one are stretched, those after it are warped
@@ -94,7 +94,7 @@ def vary(records: Iterable[MeshRecord], folder: Path, variants: int, views: int,
             base = folder / entry.file
             record = replace(by_id[entry.id], rotation=entry.rotation or by_id[entry.id].rotation)
             jobs.append(VariantsJob(record, base, missing, train, textures, views, manifest.seed))
-    return run_with_progress(render_variants, jobs, lambda job: job.record.id, processes, "vary", "object")
+    return run_with_report(render_variants, jobs, lambda job: job.record.id, processes, "vary", "object").failures
 
 
 def render_variants(job: VariantsJob) -> None:

@@ -61,18 +61,6 @@ def run_isolated(
         pool.join()
 
 
-def run_with_progress(
-    function: Callable[[Job], str | None],
-    jobs: Sequence[Job],
-    name: Callable[[Job], str],
-    processes: int,
-    desc: str,
-    unit: str,
-) -> dict[str, str]:
-    """Call `run_isolated` behind a progress bar that also prints failures and remarks; return name -> failure."""
-    return run_with_report(function, jobs, name, processes, desc, unit).failures
-
-
 def run_with_report(
     function: Callable[[Job], str | None],
     jobs: Sequence[Job],

@@ -65,7 +65,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class Trials:
-    """All ways on the same objects; the first trial is the points themselves.
+    """Trials of every way on the same objects; the first trial is the points themselves.
 
     origin : model, split, machine, date and commit. The file's key is `made`.
     """

@@ -20,7 +20,7 @@ from model.data.rendering.cameras import free_cameras
 from model.data.rendering.render import SURFACE_POINTS, shoot, stage
 from model.data.rendering.surface import Floats, sample_surface
 from model.data.rendering.visible import visible
-from model.data.workers import run_with_progress
+from model.data.workers import run_with_report
 from service.files import whole_file
 
 DESIGNS: Final[dict[Callable[[Rng], list[Solid]], float]] = {  # and the probability of each
@@ -71,7 +71,7 @@ def make(folder: Path, count: int, views: int, processes: int) -> dict[str, str]
     textures = texture_files(folder)
     jobs = [PieceJob(folder / PIECES / f"{number:05d}.npz", textures, seed, number, views) for number in range(count)]
     jobs = [job for job in jobs if not job.target.exists()]
-    return run_with_progress(render_piece, jobs, lambda job: job.target.stem, processes, "make", "piece")
+    return run_with_report(render_piece, jobs, lambda job: job.target.stem, processes, "make", "piece").failures
 
 
 def render_piece(job: PieceJob) -> None:

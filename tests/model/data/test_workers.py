@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from model.data.workers import run_isolated, run_with_progress, run_with_report
+from model.data.workers import run_isolated, run_with_report
 from tests.support.small.jobs import wait_unless_ready, work
 
 
@@ -37,8 +37,8 @@ def test_run_isolated_closed_early_leaves_no_process_behind(tmp_path: Path) -> N
     assert not multiprocessing.active_children()
 
 
-def test_run_with_progress_failures_are_returned_by_name_and_printed(capsys: pytest.CaptureFixture[str]) -> None:
-    failures = run_with_progress(work, range(3), lambda job: f"job {job}", 2, "work", "job")
+def test_run_with_report_failures_are_returned_by_name_and_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    failures = run_with_report(work, range(3), lambda job: f"job {job}", 2, "work", "job").failures
     assert failures == {"job 1": "the worker process crashed", "job 2": "ValueError: bad mesh"}
     assert "skipped job 2: ValueError: bad mesh" in capsys.readouterr().out
 
