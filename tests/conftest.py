@@ -49,6 +49,7 @@ def _tier(item: pytest.Function) -> str:
 
 @pytest.fixture(scope="session")
 def postgres() -> Iterator[Postgres]:
+    """Run a PostgreSQL server for all tests."""
     with running_postgres() as postgres:
         yield postgres
 
@@ -64,6 +65,7 @@ def database_url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
 
 @pytest.fixture(scope="session")
 def model_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Build the tiny model, without colors."""
     return tiny_model.build(tmp_path_factory.mktemp("model") / "tiny-k2.onnx")
 
 
@@ -87,9 +89,10 @@ def colored_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _no_matting_unless_asked_for() -> Iterator[None]:
+def _no_default_matting() -> Iterator[None]:
+    """Hide the matting model that `make` installs: tests name the one that they use."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("U2NET_HOME", "")  # even if `make` installed the model
+        patch.setenv("U2NET_HOME", "")
         yield
 
 
@@ -103,6 +106,7 @@ def u2net_home() -> Path:
 
 @pytest.fixture
 def settings(model_path: Path, database_url: str) -> Settings:
+    """Return settings of a service with the tiny model and low limits."""
     return Settings(
         model=(model_path,),
         database_url=database_url,
@@ -115,12 +119,14 @@ def settings(model_path: Path, database_url: str) -> Settings:
 
 @pytest.fixture
 def server(settings: Settings) -> Iterator[Server]:
+    """Run a service with `settings`."""
     with running(settings) as server:
         yield server
 
 
 @pytest.fixture
 def client(server: Server) -> Iterator[httpx.Client]:
+    """Open a client of `server`."""
     with httpx.Client(base_url=f"http://127.0.0.1:{server.port}", timeout=60) as client:
         yield client
 
@@ -135,4 +141,5 @@ def colored(settings: Settings, colored_path: Path) -> Iterator[httpx.Client]:
 
 @pytest.fixture
 def photo() -> bytes:
+    """Return the file of a photo of a disc."""
     return image_file(disc())

@@ -1,6 +1,7 @@
 """The application: routes, middleware, and the parts that are opened at start and closed at the end."""
 
 import asyncio
+import logging
 from collections.abc import AsyncIterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager
@@ -8,6 +9,7 @@ from functools import partial
 from typing import Final
 
 from fastapi import FastAPI, Request
+from fastapi.telemetry import TelemetryConfig
 from starlette.responses import Response
 from starlette.routing import Mount, Route
 from starlette.types import ASGIApp
@@ -38,7 +40,6 @@ from service.api.routes import (
     viewer,
     weights,
 )
-from service.api.tracing import telemetry
 from service.encoding.decode import configure_pillow
 from service.encoding.matting import Matting
 from service.encoding.registry import Models
@@ -48,7 +49,10 @@ from service.runtime.admission import Gates
 from service.runtime.parts import Runtime
 from service.settings import Settings
 from service.storage.store import Store
+from service.telemetry import tracing
 from service.telemetry.metrics import Metrics
+
+logger: Final = logging.getLogger("hof")
 
 DESCRIPTION: Final = """\
 A photo goes in; a function comes out. The image encoder looks at one RGB image and outputs theta, the weights of a
@@ -92,7 +96,7 @@ def create_app(settings: Settings) -> FastAPI:
         openapi_url=None,  # served below, byte for byte as committed
         redirect_slashes=False,
         lifespan=partial(_lifespan, settings),
-        telemetry=telemetry(),
+        telemetry=_telemetry(),
     )
     app.state.settings = settings
     app.state.metrics = Metrics()
@@ -124,6 +128,16 @@ class Service(FastAPI):
         templates = [*self.openapi()["paths"], *(route.path for route in self.routes if isinstance(route, Route))]
         mounts = (f"{route.path}/{{path:path}}" for route in self.routes if isinstance(route, Mount))
         return Observe(SecurityHeaders(layers), self.state.metrics, Templates([*templates, *mounts]))
+
+
+def _telemetry() -> TelemetryConfig:
+    """Return FastAPI's configuration: spans only; metrics are at /metrics and errors in the log."""
+    has_extra = tracing.is_installed()
+    if tracing.is_wanted() and not has_extra:
+        logger.warning(
+            "OTEL_EXPORTER_OTLP_ENDPOINT is set, but traces need an extra: pip install '.[otel]' in the source folder"
+        )
+    return {"auto_configure": has_extra, "tracing": has_extra, "metrics": False, "logs": False}
 
 
 @asynccontextmanager

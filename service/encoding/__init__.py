@@ -1,1 +1,1 @@
-"""From the bytes of a photo to theta: decoding, matting, framing, inference."""
+"""The steps from the bytes of a photo to theta: decoding, matting, framing, inference."""

@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Final, Literal, ParamSpec, TypeVar
+from typing import Final, Literal, ParamSpec, TypeVar, get_args
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, ProcessCollector, values
 from prometheus_client.exposition import choose_encoder
@@ -39,8 +39,7 @@ class Metrics:
         self._files = WorkerFiles(Path(os.environ[FOLDER])) if FOLDER in os.environ else None
         if self._files:
             values.ValueClass = values.MultiProcessValue(self._files.name)  # type: ignore[no-untyped-call]
-        self._registry = CollectorRegistry()
-        own = self._registry
+        self._registry = own = CollectorRegistry()
         self.requests: Final = Counter(
             "hof_http_requests",
             "Answered requests; status 499: the client left before the end",
@@ -70,8 +69,7 @@ class Metrics:
             ["reason"],
             registry=own,
         )
-        reasons: tuple[Reason, ...] = ("shed", "limited", "cancelled", "failed")
-        for reason in reasons:
+        for reason in get_args(Reason):
             self._unserved.labels(reason)  # exported as 0 from the start
         build = Gauge("hof_build_info", "1", ["version", "python"], multiprocess_mode="max", registry=own)
         build.labels(__version__, platform.python_version()).set(1)

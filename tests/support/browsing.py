@@ -24,6 +24,7 @@ INK = 40  # of 255: by how much a pixel differs from the panel's white to be a p
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
+    """Start Chromium without a window."""
     chromium = shutil.which("chromium")
     assert chromium, "the page is tested in Debian's chromium: tests/support/system.sh installs it"
     PICTURES.mkdir(parents=True, exist_ok=True)

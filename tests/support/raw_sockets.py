@@ -15,6 +15,7 @@ PIECE, PIECE_S = 16_384, 0.002
 
 
 def connect(server: Server) -> socket.socket:
+    """Open a connection to a server."""
     return socket.create_connection(("127.0.0.1", server.port), timeout=DEADLINE_S)
 
 

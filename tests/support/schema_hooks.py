@@ -72,4 +72,5 @@ BODIES = {
 
 @schemathesis.deserializer("model/gltf+json")
 def gltf(context: schemathesis.DeserializationContext, response: schemathesis.Response) -> object:
+    """Read a glTF answer as JSON."""
     return response.json()

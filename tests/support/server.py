@@ -18,6 +18,7 @@ class Server(uvicorn.Server):
 
     @property
     def port(self) -> int:
+        """The port that the server listens on."""
         port: int = self.servers[0].sockets[0].getsockname()[1]
         return port
 

@@ -27,5 +27,6 @@ def until(condition: Callable[[], bool]) -> None:
 
 
 def runtime_of(server: Server) -> Runtime:
+    """Return the opened parts of a running service."""
     runtime: Runtime = server.config.app.state.runtime  # type: ignore[union-attr]
     return runtime

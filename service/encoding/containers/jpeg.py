@@ -70,7 +70,7 @@ class _Frame:
 
     @property
     def is_complete(self) -> bool:
-        """Whether the scans bring every bit of every coefficient."""
+        """Return whether the scans bring every bit of every coefficient."""
         return self.scans > 0 and not any(any(each.lacking) for each in self.components.values())
 
 

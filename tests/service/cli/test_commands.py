@@ -227,14 +227,13 @@ def test_encode_with_a_failing_write_keeps_the_old_file(here: Path, monkeypatch:
     assert (here / "out.ply").read_text() == "old"
 
 
-def test_serve_with_all_flags_sets_every_setting(
-    monkeypatch: pytest.MonkeyPatch, model_path: Path, u2net_home: Path, tmp_path: Path
-) -> None:
-    values = {
+def _values_of_all_settings(model_path: Path, u2net_home: Path, folder: Path) -> dict[str, object]:
+    """Return a value for each setting."""
+    return {
         "host": "::1",
         "port": 1,
-        "database_url": f"sqlite:///{tmp_path / 'x.db'}",
-        "model": (model_path, tiny_model.build(tmp_path / "b.onnx", meta=tiny_model.metadata(name="b"))),
+        "database_url": f"sqlite:///{folder / 'x.db'}",
+        "model": (model_path, tiny_model.build(folder / "b.onnx", meta=tiny_model.metadata(name="b"))),
         "matting_model": u2net_home / "u2netp.onnx",
         "database_connections": 3,
         "database_timeout_s": 2.5,
@@ -253,13 +252,19 @@ def test_serve_with_all_flags_sets_every_setting(
         "drain_s": 7,
         "shutdown_s": 8,
         "workers": 1,
-        "api_keys_file": tmp_path / "keys",
+        "api_keys_file": folder / "keys",
         "metrics": "key",
         "rate_limit": "8/minute",
         "cors_origins": "https://a.example",
         "log_level": "debug",
         "log_format": "text",
     }
+
+
+def test_serve_with_all_flags_sets_every_setting(
+    monkeypatch: pytest.MonkeyPatch, model_path: Path, u2net_home: Path, tmp_path: Path
+) -> None:
+    values = _values_of_all_settings(model_path, u2net_home, tmp_path)
     (tmp_path / "keys").write_text(make_key("a", frozenset({"read"}))[1].line)
     assert values.keys() == Settings.model_fields.keys()
     passed: list[Settings] = []

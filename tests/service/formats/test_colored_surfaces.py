@@ -16,8 +16,8 @@ from service.formats.mesh.registry import MESH_FORMATS
 from service.formats.weights import load
 from service.mapping.spec import apply, compose, word_of
 from service.mapping.surface import shells
-from tests.support.colored_objects import check_none_leaves_color_out, encoded, file_of
 from tests.support.gltf import check_valid
+from tests.support.small.colored_objects import check_none_leaves_color_out, encoded, file_of
 
 RESOLUTION = 16
 COLORED = [name for name, fmt in MESH_FORMATS.items() if fmt.holds_color]

@@ -23,7 +23,7 @@ WIDE = MappingSpec("wide", 3, (256, 256), 3)
 
 @pytest.fixture(params=["numpy", "fast"], autouse=True, scope="module")
 def engine(request: pytest.FixtureRequest) -> Iterator[str]:
-    """Every test runs on plain NumPy and on the compiled kernel."""
+    """Run every test on plain NumPy and on the compiled kernel."""
     with pytest.MonkeyPatch.context() as patch:
         if request.param == "numpy":
             patch.setattr(compiled, "load", lambda: None)

@@ -43,6 +43,20 @@ def _lines(folder: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in (folder / "log").read_text().splitlines()]
 
 
+def _make_requests(client: httpx.Client, photo: bytes, database: Path) -> httpx.Response:
+    """Make five requests, of which the last meets a broken database; return the answer to the first, an encoding."""
+    answer = client.post("/encode", content=photo, headers={"X-Request-ID": "first"})
+    assert (answer.status_code, answer.headers["x-request-id"]) == (201, "first")
+    client.get(f"/objects/{answer.json()['id']}", headers={"X-Request-ID": "second"})
+    assert client.get("/objects?limit=s3cret").status_code == 422
+    assert client.get("/a%0A%22b%1B[31m", headers={"Authorization": "Bearer s3cret"}).status_code == 401
+    with sqlite3.connect(database) as store:
+        store.execute("ALTER TABLE objects RENAME TO gone")
+    store.close()
+    assert client.get("/objects", headers={"X-Request-ID": "fault"}).status_code == 500
+    return answer
+
+
 def test_logs_and_traces_of_requests_have_one_entry_each_and_no_secret(
     model_path: Path, tmp_path: Path, photo: bytes
 ) -> None:
@@ -60,15 +74,7 @@ def test_logs_and_traces_of_requests_have_one_entry_each_and_no_secret(
         ) as (url, process),
         httpx.Client(base_url=url, headers={"Authorization": f"Bearer {token}"}, timeout=60) as client,
     ):
-        answer = client.post("/encode", content=photo, headers={"X-Request-ID": "first"})
-        assert (answer.status_code, answer.headers["x-request-id"]) == (201, "first")
-        client.get(f"/objects/{answer.json()['id']}", headers={"X-Request-ID": "second"})
-        assert client.get("/objects?limit=s3cret").status_code == 422
-        assert client.get("/a%0A%22b%1B[31m", headers={"Authorization": "Bearer s3cret"}).status_code == 401
-        with sqlite3.connect(tmp_path / "hof.db") as store:
-            store.execute("ALTER TABLE objects RENAME TO gone")
-        store.close()
-        assert client.get("/objects", headers={"X-Request-ID": "fault"}).status_code == 500
+        answer = _make_requests(client, photo, tmp_path / "hof.db")
         process.send_signal(signal.SIGTERM)
         process.wait(60)
     lines = {line["request_id"]: line for line in _lines(tmp_path) if "status" in line}

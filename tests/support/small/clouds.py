@@ -28,15 +28,19 @@ class ArrayCloud:
 
     @property
     def n(self) -> int:
+        """Number of points."""
         return len(self.all_points)
 
     def parts(self) -> Iterator[Part]:
+        """Yield the parts, of `chunk` points each but the last."""
         return ((at, min(self.chunk, self.n - at)) for at in range(0, self.n, self.chunk))
 
     def points(self, part: Part) -> Array:
+        """Return the points of a part, (n, 3) float32."""
         return self.all_points[part[0] : sum(part)]
 
     def colors(self, part: Part) -> Colors:
+        """Return the colors of a part, (n, 3) uint8."""
         assert self.all_colors is not None
         return self.all_colors[part[0] : sum(part)]
 
@@ -47,14 +51,17 @@ def file_of(fmt: PointFormat, points: Array, chunk: int = 1000) -> bytes:
 
 
 def colors_of(n: int) -> Colors:
+    """Return n random colors, the same on every call."""
     return np.random.default_rng(0).integers(0, 256, (n, 3), np.uint8)
 
 
 def label(fmt: PointFormat) -> str:
+    """Return the id of a format in parametrized tests."""
     return f"{fmt.name}-in-color" if fmt in COLORED else fmt.name
 
 
 def colored(name: str) -> PointFormat:
+    """Return the variant with colors of a format."""
     fmt = POINT_FORMATS[name].colored
     assert fmt
     return fmt

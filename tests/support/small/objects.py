@@ -12,6 +12,7 @@ SPEC = MappingSpec("small", 3, (8, 8), 3, activation="tanh", k=3, domain="cube")
 
 
 def weights_file(seed: int = 0) -> bytes:
+    """Return a safetensors file of random weights of `SPEC`."""
     return dump(Weights(SPEC, initial_theta(SPEC, seed), "elsewhere"), "safetensors")
 
 
@@ -21,5 +22,6 @@ def encode_discs(client: httpx.Client, *colors: str) -> list[str]:
 
 
 def compose(client: httpx.Client, *ids: str, mode: str = "compose") -> dict[str, Any]:
+    """Compose stored objects; return the answer."""
     item: dict[str, Any] = client.post("/compose", json={"objects": ids, "mode": mode}).json()
     return item

@@ -19,10 +19,10 @@ from service.formats.weights import Weights, dump, load
 from service.mapping.canonical import canonical_points
 from service.mapping.cloud import FIRST_PART
 from service.mapping.spec import Array, Color, Colors, MappingSpec, apply, initial_theta
-from tests.support.colored_objects import check_none_leaves_color_out, encoded, file_of
 from tests.support.gltf import check_valid
 from tests.support.photos import disc, image_file
 from tests.support.small import model as tiny_model
+from tests.support.small.colored_objects import check_none_leaves_color_out, encoded, file_of
 
 N = FIRST_PART + 1000
 SPEC = tiny_model.COLOR_SPEC

@@ -28,7 +28,7 @@ ONE = [1, 3, tiny_model.SIZE, tiny_model.SIZE]
 
 @pytest.fixture(scope="module")
 def server(model_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
-    """One for all tests: an inference leaves nothing behind."""
+    """Run one server for all tests: an inference leaves nothing behind."""
     store = tmp_path_factory.mktemp("inference") / "hof.db"
     with running(Settings(model=(model_path,), database_url=f"sqlite:///{store}", threads=2)) as server:
         yield server
