@@ -79,8 +79,8 @@ LOCK = CUSTOM_COMPILE_COMMAND='make lock' $(BIN)/pip-compile --quiet --generate-
 
 clean: ## remove what was installed, cached and written; data sets and runs stay
 	rm -rf .venv tests/support/gltf/node_modules service/viewer/node_modules service/viewer/static/bundle
-	rm -rf out build *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
-	find service model tests benchmarks demo -name __pycache__ -prune -exec rm -rf {} +
+	rm -rf out build *.egg-info client/src/*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	find service model client tests benchmarks demo -name __pycache__ -prune -exec rm -rf {} +
 
 .venv/bin/python:
 	@test -n '$(PYTHON)' || { echo 'no Python from 3.11 on with venv is on the PATH: install one, or run make PYTHON=/path/to/python' >&2; exit 1; }
@@ -93,10 +93,10 @@ clean: ## remove what was installed, cached and written; data sets and runs stay
 	@touch $@
 
 # torch apart: which of its builds is right depends on the machine.
-.venv/dev.stamp: pyproject.toml setup.py requirements/dev.txt service/viewer/package-lock.json | .venv/bin/python
+.venv/dev.stamp: pyproject.toml setup.py client/pyproject.toml requirements/dev.txt service/viewer/package-lock.json | .venv/bin/python
 	$(LOCKED) requirements/dev.txt
 	$(BIN)/pip install --quiet '$(TORCH)'
-	$(BIN)/pip install --quiet --no-deps --editable .
+	$(BIN)/pip install --quiet --no-deps --editable . --editable client
 	@touch $@ .venv/service.stamp
 
 .venv/bench.stamp: .venv/dev.stamp

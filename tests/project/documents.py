@@ -7,7 +7,7 @@ from typing import Final
 ROOT: Final = Path(__file__).parents[2]
 DOCUMENTS: Final = tuple(
     path
-    for pattern in ("*.md", "docs/*.md", "deploy/*.md", "service/*/README.md", "model/LAB.md")
+    for pattern in ("*.md", "docs/*.md", "deploy/*.md", "client/*.md", "service/*/README.md", "model/LAB.md")
     for path in sorted(ROOT.glob(pattern))
     if path != ROOT / "RESULTS.md"  # `make results` writes it
 )

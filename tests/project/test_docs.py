@@ -17,7 +17,7 @@ from tests.project.documents import DOCUMENTS, ROOT, anchors, code, name_of, row
 from tests.project.quoted_figures import QUOTES, Quote, measured_rows
 from tests.project.settings_table import names, rewrite
 
-FOLDERS = ("service/", "model/", "tests/", "benchmarks/", "demo/", "deploy/", "docs/", ".ci/")
+FOLDERS = ("service/", "model/", "client/", "tests/", "benchmarks/", "demo/", "deploy/", "docs/", ".ci/")
 
 each_document = pytest.mark.parametrize("document", DOCUMENTS, ids=name_of)
 

@@ -1,0 +1,265 @@
+"""Answers of the service as frozen dataclasses. Their fields are the members of the schemas in openapi.json."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float32]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spec:
+    """The shape of a function: the mapping function, whose weights are theta, or the color function of its points.
+
+    Attributes
+    ----------
+    hidden : widths of the hidden layers, first to last.
+    activation : `relu` or `tanh`.
+    k : number of times f is applied; the object is f^k of the canonical points.
+    domain : canonical domain: `ball`, `sphere` or `ball4` of radius 1, or `cube`, [-1, 1]^3.
+    """
+
+    name: str
+    input_dim: int
+    hidden: tuple[int, ...]
+    output_dim: int
+    activation: str
+    k: int
+    domain: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Box:
+    """The bounding box of an object in its function's own numbers, as `frame="raw"` gives them.
+
+    The object frame is (raw - (low + high) / 2) / max(high - low).
+    """
+
+    low: tuple[float, float, float]
+    high: tuple[float, float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImageReport:
+    """Report on the separation of the object from its background.
+
+    Attributes
+    ----------
+    mask : method that removed the background: `alpha`, `border`, `matting` or `none`.
+    box : left, top, right, bottom of the object, in pixels of the upright image.
+    width, height : of the upright image, in pixels.
+    confidence : 1 if every pixel is either object or background; None if the mask is `none`.
+    """
+
+    mask: str
+    box: tuple[int, int, int, int]
+    width: int
+    height: int
+    confidence: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Links:
+    """Paths of an object and of its files, from the service's root."""
+
+    self: str
+    points: str
+    mesh: str
+    weights: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class StoredObject:
+    """An object: a mapping function that the service keeps.
+
+    Attributes
+    ----------
+    kind : `encoded`, `imported`, `composed` or `interpolated`.
+    model : the model that theta comes from.
+    color : spec of the color function; None for an object without color.
+    word : of a composed object, the ids of its k functions, the last one applied first.
+    parents : of an interpolated object, the ids of the objects whose thetas it averages.
+    bytes : size of theta, 4 for each number; of a composed object, of its k thetas.
+    dimensions : width, height and depth in the object frame: the longest is 1. None in lists for objects of an older
+        version of the service, until they are read.
+    frame : bounding box in the function's own numbers; None as `dimensions`.
+    image : of an encoded object, the report on its photo.
+    """
+
+    id: str
+    kind: str
+    created_at: datetime
+    model: str
+    spec: Spec
+    color: Spec | None = None
+    word: tuple[str, ...] | None = None
+    parents: tuple[str, ...] | None = None
+    bytes: int
+    dimensions: tuple[float, float, float] | None = None
+    frame: Box | None = None
+    image: ImageReport | None = None
+    links: Links
+
+
+@dataclass(frozen=True, kw_only=True)
+class EncodedObject(StoredObject):
+    """A stored object, the report on its photo, and its weights if the call asked for them.
+
+    Attributes
+    ----------
+    weights : (spec.size,) float32, theta; None unless included.
+    color_weights : float32, the weights of the color function; None unless included, or without color.
+    """
+
+    image: ImageReport
+    weights: Array | None = field(default=None, compare=False)
+    color_weights: Array | None = field(default=None, compare=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class EncodedWeights:
+    """An object that the service did not keep: its weights. Fields as in `EncodedObject`."""
+
+    model: str
+    spec: Spec
+    color: Spec | None = None
+    bytes: int
+    dimensions: tuple[float, float, float]
+    frame: Box
+    image: ImageReport
+    weights: Array = field(compare=False)
+    color_weights: Array | None = field(default=None, compare=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObjectPage:
+    """A page of the list of objects, newest first; `next` is the cursor of the next page, None on the last."""
+
+    items: tuple[StoredObject, ...]
+    next: str | None = None
+    limit: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class ComposedObjects:
+    """The objects of `compose_all`, in lexicographic order of their words."""
+
+    objects: tuple[StoredObject, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Health:
+    """The answer to a probe: `live` or `ready`."""
+
+    status: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelFraming:
+    """Framing of a model's images: side in pixels, and the share of it that the object's longer side fills."""
+
+    size: int
+    foreground_ratio: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Model:
+    """A loaded model; `digest` is the sha256 of its file, `card` the model card as the file carries it."""
+
+    name: str
+    digest: str
+    spec: Spec
+    color: Spec | None = None
+    framing: ModelFraming
+    card: Mapping[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelList:
+    """The loaded models; the first is the default of calls that name no model."""
+
+    models: tuple[Model, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FieldError:
+    """An error in one parameter."""
+
+    field: str
+    message: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class InferenceServer:
+    """The service, in the terms of the Open Inference Protocol."""
+
+    name: str
+    version: str
+    extensions: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Live:
+    """The process answers."""
+
+    live: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServerReady:
+    """The service is ready."""
+
+    ready: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelReady:
+    """A model is ready."""
+
+    name: str
+    ready: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tensor:
+    """An input or an output of a model; -1 in its shape stands for the batch."""
+
+    name: str
+    datatype: str
+    shape: tuple[int, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class InferenceModel:
+    """A model with its inputs and outputs."""
+
+    name: str
+    versions: tuple[str, ...]
+    platform: str
+    inputs: tuple[Tensor, ...]
+    outputs: tuple[Tensor, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TensorConfig:
+    """An input or an output of a model, as Triton's configuration has it; `dims` has no batch."""
+
+    name: str
+    data_type: str
+    dims: tuple[int, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelConfig:
+    """A model's configuration, as Triton's clients read it."""
+
+    name: str
+    platform: str
+    backend: str
+    max_batch_size: int
+    input: tuple[TensorConfig, ...]
+    output: tuple[TensorConfig, ...]
