@@ -101,6 +101,8 @@ def test_schema_documents_the_body_of_encode(operations: dict[str, dict[str, Any
         "image/png",
         "image/jpeg",
         "image/webp",
+        "image/avif",
+        "image/heic",
     }
 
 
