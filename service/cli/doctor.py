@@ -62,12 +62,17 @@ def _matting(settings: Settings) -> tuple[State, str]:
 
 
 def _database(settings: Settings) -> tuple[State, str]:
-    """Open the database as `hof serve` does, and read all of it. A missing file is not created."""
+    """Open the database and read all of it; create and migrate nothing."""
     address = database.parse(settings.database_url)
     if address.file and not address.file.exists():
         return _missing_file(address.file.absolute())
-    asyncio.run(database.verify(settings.database_url, settings.database_timeout_s))
-    return "ok", f"{address.shown} can be read and written"
+    schema = asyncio.run(database.examine(settings.database_url, settings.database_timeout_s))
+    message = f"{address.shown} can be read and written"
+    if schema.is_empty:
+        message += "; it is empty, and `hof serve` will create its tables"
+    elif schema.is_older:
+        message += "; an older version of hof wrote it, and `hof serve` will migrate it: make a backup first"
+    return "ok", message
 
 
 def _missing_file(path: Path) -> tuple[State, str]:

@@ -2,11 +2,12 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from sqlalchemy import (
     BigInteger,
     Column,
+    Connection,
     DateTime,
     ForeignKey,
     Index,
@@ -24,10 +25,13 @@ from sqlalchemy.exc import ArgumentError
 from service.errors import UnusableStore
 from service.settings import DATABASE_CONNECTIONS, DATABASE_TIMEOUT_S
 from service.storage import faults
-from service.storage.postgres import open_postgres
+from service.storage.postgres import check_may_create, open_postgres
 from service.storage.postgres_url import PostgresUrl, parse_postgres
 from service.storage.sqlite import SqliteDatabase, check_file, expanded, open_sqlite
 from service.storage.transactions import Database
+
+if TYPE_CHECKING:
+    from service.storage.migrations import Schema
 
 MIGRATION_TIMEOUT_S: Final = 600.0  # another process may be migrating; PostgreSQL only
 
@@ -123,11 +127,7 @@ async def connect(url: str, timeout_s: float = DATABASE_TIMEOUT_S, connections: 
 
     address = parse(url)
     try:
-        database: Database
-        if isinstance(address.target, PostgresUrl):
-            database = open_postgres(address.target, timeout_s, connections)
-        else:
-            database = open_sqlite(address.target)
+        database = _open(address, timeout_s, connections)
         try:
             await database.run(migrate, timeout_s=MIGRATION_TIMEOUT_S)
             if isinstance(database, SqliteDatabase):
@@ -149,7 +149,7 @@ async def verify(url: str, timeout_s: float = DATABASE_TIMEOUT_S) -> None:
     """
     database = await connect(url, timeout_s, connections=1)
     try:
-        await database.run(lambda connection: connection.execute(objects.delete().where(objects.c.id == "")))
+        await database.run(_try_write)
         if database.dialect == "sqlite":
             await database.run(check_file)
     except Exception as error:
@@ -157,3 +157,43 @@ async def verify(url: str, timeout_s: float = DATABASE_TIMEOUT_S) -> None:
         raise faults.unusable(address.shown, address.secrets, error) from error
     finally:
         await database.close()
+
+
+async def examine(url: str, timeout_s: float = DATABASE_TIMEOUT_S) -> "Schema":
+    """Test an existing database as `verify` does, but create and migrate nothing. Return its schema.
+
+    SQLite itself may complete a transaction that a killed process left in the write-ahead log.
+
+    Raises
+    ------
+    UnusableStore : `verify` would raise it.
+    """
+    from service.storage.migrations import read_schema
+
+    address = parse(url)
+    try:
+        database = _open(address, timeout_s, connections=1, unchanged=True)
+        try:
+            schema = await database.run(read_schema)
+            await database.run(database.ping if schema.is_empty else _try_write)
+            if database.dialect == "sqlite":
+                await database.run(check_file)
+            elif schema.is_empty:
+                await database.run(check_may_create)
+        finally:
+            await database.close()
+    except Exception as error:
+        raise faults.unusable(address.shown, address.secrets, error) from error
+    return schema
+
+
+def _open(address: Address, timeout_s: float, connections: int, *, unchanged: bool = False) -> Database:
+    """Return the database at an address; `unchanged` leaves a SQLite file as it is."""
+    if isinstance(address.target, PostgresUrl):
+        return open_postgres(address.target, timeout_s, connections)
+    return open_sqlite(address.target, unchanged=unchanged)
+
+
+def _try_write(connection: Connection) -> None:
+    """Delete nothing, which needs a database that can be written."""
+    connection.execute(objects.delete().where(objects.c.id == ""))

@@ -9,7 +9,7 @@ from sqlalchemy import Connection, text
 from sqlalchemy.exc import TimeoutError as PoolTimeout
 from sqlalchemy.ext.asyncio import AsyncEngine, create_async_engine
 
-from service.errors import StoreUnavailable
+from service.errors import StoreUnavailable, UnusableStore
 from service.storage.faults import is_read_only, no_answer, read_only, too_busy
 from service.storage.postgres_url import PostgresUrl
 from service.storage.transactions import R, Work
@@ -92,6 +92,12 @@ class PostgresDatabase:
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(CLOSE_TIMEOUT_S):
                 await self._engine.dispose()
+
+
+def check_may_create(connection: Connection) -> None:
+    """Raise UnusableStore if the user may not create tables."""
+    if not connection.execute(text("SELECT has_schema_privilege(current_schema(), 'CREATE')")).scalar_one():
+        raise UnusableStore("its user may not create tables; grant CREATE on the schema to the user")
 
 
 def open_postgres(url: PostgresUrl, timeout_s: float, connections: int) -> PostgresDatabase:

@@ -20,6 +20,7 @@ from service.storage.transactions import R, Work
 SQLITE_CONNECTIONS: Final = 4  # more would not help: SQLite has one writer at a time
 POOL_TIMEOUT_S: Final = 30  # wait for a connection; as long as a busy file still counts as ready
 BUSY_TIMEOUT_MS: Final = 10_000
+BUSY_TIMEOUT: Final = f"busy_timeout = {BUSY_TIMEOUT_MS}"
 RETRY_S: Final = 0.01
 OWNER_ONLY: Final = 0o600  # SQLite gives its -wal and -shm the mode of the file
 
@@ -101,8 +102,12 @@ def expanded(name: str) -> Path:
     return path
 
 
-def open_sqlite(url: URL) -> SqliteDatabase:
+def open_sqlite(url: URL, *, unchanged: bool = False) -> SqliteDatabase:
     """Return a SQLite database; its file is created, for its owner alone, if it is missing.
+
+    Parameters
+    ----------
+    unchanged : do not switch the file to WAL; it must exist.
 
     Raises
     ------
@@ -117,7 +122,7 @@ def open_sqlite(url: URL) -> SqliteDatabase:
                 os.close(os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, OWNER_ONLY))
             url = url.set(database=str(path))
     engine = create_engine(url, pool_size=SQLITE_CONNECTIONS, max_overflow=0)
-    event.listen(engine, "connect", _configure)
+    event.listen(engine, "connect", _configure_unchanged if unchanged else _configure)
     return SqliteDatabase(engine)
 
 
@@ -144,13 +149,15 @@ def _identity(path: Path) -> Identity | None:
 
 def _configure(connection: DBAPIConnection, _: object) -> None:
     """Let readers work beside a writer (WAL), writers wait for each other, and commits reach the disk (FULL)."""
+    _set_pragmas(connection, BUSY_TIMEOUT, "journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON")
+
+
+def _configure_unchanged(connection: DBAPIConnection, _: object) -> None:
+    _set_pragmas(connection, BUSY_TIMEOUT)
+
+
+def _set_pragmas(connection: DBAPIConnection, *pragmas: str) -> None:
     cursor = connection.cursor()
-    pragmas = (
-        f"busy_timeout = {BUSY_TIMEOUT_MS}",
-        "journal_mode = WAL",
-        "synchronous = FULL",
-        "foreign_keys = ON",
-    )
     for pragma in pragmas:
         _execute_when_unlocked(cursor, f"PRAGMA {pragma}")
     cursor.close()

@@ -1,5 +1,6 @@
 """Revisions of the database schema (Alembic). Opening a database migrates it to the newest one."""
 
+from dataclasses import dataclass
 from typing import Final
 
 from alembic import command
@@ -31,22 +32,60 @@ def migrate(connection: Connection) -> None:
     UnusableStore : a newer version of hof, or another program, created the tables.
     """
     _lock(connection)
-    config = Config()
-    config.set_main_option("script_location", "service.storage:migrations")
-    config.attributes["connection"] = connection
-    scripts = ScriptDirectory.from_config(config)
-    newest = scripts.get_current_head()
-    current = MigrationContext.configure(connection).get_current_revision()
-    if current == newest:
+    schema = read_schema(connection)
+    if schema.revision == schema.newest:
         return
-    if current is None and _is_first_release(connection):
+    config = _config()
+    config.attributes["connection"] = connection
+    if schema.is_first_release:
         command.stamp(config, FIRST)
-    elif current is not None and current not in {script.revision for script in scripts.walk_revisions()}:
+    command.upgrade(config, "head")
+
+
+@dataclass(frozen=True)
+class Schema:
+    """The schema of a database: its revision, and the newest one.
+
+    revision : None without tables, and for the first release's tables (`is_first_release`).
+    """
+
+    revision: str | None
+    newest: str | None
+    is_first_release: bool
+
+    @property
+    def is_empty(self) -> bool:
+        """Return whether the tables are still to be created."""
+        return self.revision is None and not self.is_first_release
+
+    @property
+    def is_older(self) -> bool:
+        """Return whether the tables are still to be migrated."""
+        return not self.is_empty and self.revision != self.newest
+
+
+def read_schema(connection: Connection) -> Schema:
+    """Return the schema of a database, and change nothing.
+
+    Raises
+    ------
+    UnusableStore : a newer version of hof, or another program, created the tables.
+    """
+    scripts = ScriptDirectory.from_config(_config())
+    newest = scripts.get_current_head()
+    revision = MigrationContext.configure(connection).get_current_revision()
+    if revision is not None and revision not in {script.revision for script in scripts.walk_revisions()}:
         raise UnusableStore(
-            f"its schema has revision {current}, newer than {newest}, the newest that this version of hof supports; "
+            f"its schema has revision {revision}, newer than {newest}, the newest that this version of hof supports; "
             "start the version of hof that wrote it, or restore an older backup"
         )
-    command.upgrade(config, "head")
+    return Schema(revision, newest, revision is None and _is_first_release(connection))
+
+
+def _config() -> Config:
+    config = Config()
+    config.set_main_option("script_location", "service.storage:migrations")
+    return config
 
 
 def _lock(connection: Connection) -> None:

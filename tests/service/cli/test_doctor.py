@@ -3,15 +3,19 @@
 import asyncio
 import os
 import socket
+import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 
 from service.storage import database
 from tests.support import ROOT
+from tests.support.postgres import Postgres
 
+SCHEMAS = ROOT / "tests" / "service" / "storage" / "schemas"
 TIMEOUT_S = 300
 
 
@@ -127,6 +131,48 @@ def test_doctor_creates_nothing(model_path: Path, tmp_path: Path) -> None:
     assert (status, findings["database"][0]) == (0, "ok")
     assert "will be created" in findings["database"][1]
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("schema", "note"),
+    [
+        ("", "; it is empty, and `hof serve` will create its tables"),
+        ("first-schema", "; an older version of hof wrote it, and `hof serve` will migrate it: make a backup first"),
+        ("version-0.1.0", "; an older version of hof wrote it, and `hof serve` will migrate it: make a backup first"),
+        ("this version", ""),
+    ],
+)
+def test_doctor_of_an_existing_database_changes_nothing(
+    model_path: Path, tmp_path: Path, schema: str, note: str
+) -> None:
+    url = f"sqlite:///{tmp_path}/hof.db"
+    if schema == "this version":
+        asyncio.run(database.verify(url))
+    else:
+        dump = (SCHEMAS / f"{schema}.sqlite.sql").read_text("utf-8") if schema else ""
+        with closing(sqlite3.connect(tmp_path / "hof.db")) as connection:
+            connection.executescript(dump)
+    before = _contents(tmp_path)
+    status, findings = _doctor(tmp_path, model_path)
+    assert (status, findings["database"]) == (0, ("ok", f"{url} can be read and written{note}"))
+    assert _contents(tmp_path) == before
+
+
+def _contents(folder: Path) -> dict[str, tuple[bytes, int]]:
+    return {path.name: (path.read_bytes(), path.stat().st_mtime_ns) for path in folder.iterdir()}
+
+
+def test_doctor_of_an_empty_postgres_creates_no_table(model_path: Path, tmp_path: Path, postgres: Postgres) -> None:
+    url = postgres.create()
+    status, findings = _doctor(tmp_path, model_path, HOF_DATABASE_URL=url)
+    assert (status, findings["database"][0]) == (0, "ok")
+    assert "`hof serve` will create its tables" in findings["database"][1]
+    name = url.rpartition("/")[2]
+    assert postgres.run("SELECT count(*) FROM pg_tables WHERE schemaname = 'public'", name) == "0"
+    postgres.run("CREATE ROLE guest LOGIN", name)
+    status, findings = _doctor(tmp_path, model_path, HOF_DATABASE_URL=url.replace("postgres@", "guest@"))
+    assert (status, findings["database"][0]) == (1, "fail")
+    assert "may not create tables" in findings["database"][1]
 
 
 def test_doctor_with_a_port_in_use_fails_as_serve_does(model_path: Path, tmp_path: Path) -> None:
