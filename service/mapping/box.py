@@ -2,8 +2,9 @@
 
 Most outermost points of an object are images of the canonical domain's border, so the probe is dense there. The
 search then tries points around the best candidates of each of the six directions, in steps that become smaller.
-The same function gives the same box on one machine. `python -m benchmarks.speed.boxes` prints the error against the
-box of ten million points.
+The same function gives the same box on one machine with the same engine (NumPy, or numba if it is installed).
+Other engines round sums differently, and the search may end at another point: boxes then differ by up to a thousandth
+of the longest side. `python -m benchmarks.speed.boxes` prints the error against the box of ten million points.
 """
 
 from functools import lru_cache

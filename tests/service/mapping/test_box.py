@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from service.errors import CorruptWeights
+from service.mapping import compiled
 from service.mapping.box import examine, measure
 from service.mapping.cloud import bounds
 from service.mapping.sampler import Sampler, sample
@@ -29,6 +30,19 @@ def test_box_is_close_to_that_of_many_points(spec: MappingSpec, seed: int) -> No
     low, high = bounds(sample(spec, word_of(spec, theta), POINTS))
     np.testing.assert_allclose(frame.low, low, atol=CLOSE * frame.unit)
     np.testing.assert_allclose(frame.high, high, atol=CLOSE * frame.unit)
+
+
+@pytest.mark.parametrize("spec", SPECS, ids=lambda spec: spec.name)
+def test_box_with_and_without_numba_differs_by_a_thousandth_at_most(
+    spec: MappingSpec, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    thetas = [initial_theta(spec, seed) for seed in range(5)]
+    assert compiled.load() is not None, "numba is missing: the extra `fast` is a part of `dev`"
+    frames = [measure(spec, theta) for theta in thetas]
+    monkeypatch.setattr(compiled, "load", lambda: None)
+    for theta, frame in zip(thetas, frames, strict=True):
+        plain = measure(spec, theta)
+        np.testing.assert_allclose([plain.low, plain.high], [frame.low, frame.high], atol=0.001 * frame.unit)
 
 
 def test_box_of_a_known_function_is_exact() -> None:
