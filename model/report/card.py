@@ -1,5 +1,6 @@
 """The model card: metadata of a weights file, and its Markdown page."""
 
+import re
 from typing import Any
 
 from model.config import TrainConfig
@@ -15,6 +16,9 @@ TRUNKS = {
     "lite0": "EfficientNet-Lite0's convolutions (Apache-2.0), pretrained on ImageNet",
 }
 LICENSE = "Apache-2.0; trained on CC-BY and CC0 meshes, attribution in NOTICE"  # of models trained on Sweet Home 3D
+# Licenses of meshes that allow weights under another license, given the credits in NOTICE; and words that rule it out.
+OPEN = re.compile(r"CC0|CC[- ]BY\b|Creative Commons Attribution|Public domain|Apache|BSD|MIT\b", re.IGNORECASE)
+CLOSED = re.compile(r"\b(NC|ND|SA|Non-?Commercial|No-?Deriv\w*|Share-?Alike|LicenseRef)\b", re.IGNORECASE)
 LIMITS = (
     "The front of an object is at +Z. From a view of the back the model guesses where the front is.",
     "Thin parts (chair legs, lamp stems) come out too thick or too thin, and unseen sides are guesses.",
@@ -38,12 +42,11 @@ def make_card(
     color : training of the color head; None without one.
     """
     sizes = {split: sum(1 for _ in manifest.of(split)) for split in SPLITS}
-    is_known = {entry.id for entry in manifest.entries} <= set(frozen_split())
     licenses = sorted({f"{entry.source}: {entry.license}" for entry in manifest.entries})
     return {
         "name": name,
         "version": "1",
-        "license": LICENSE if is_known else f"unspecified; trained on meshes under: {'; '.join(licenses)}",
+        "license": license_of(manifest),
         "trunk": TRUNKS[config.encoder.trunk],
         "method": "Higher-Order Function networks (Mitchell, Engin, Isler, Lee; ICLR 2020)",
         "data": {"objects": sizes, "seed": manifest.seed, "licences": licenses, "made": config.made},
@@ -56,6 +59,26 @@ def make_card(
         **({"color": color} if color else {}),
         "limits": [_seen(manifest, config), *LIMITS, COLOR_LIMIT if color else NO_COLOR_LIMIT],
     }
+
+
+def license_of(manifest: Manifest) -> str:
+    """Return the license of the weights, with the license of each source of training meshes."""
+    objects = list(manifest.of("train"))
+    if {entry.id for entry in objects} <= set(frozen_split()):
+        return LICENSE
+    sources = {(entry.source, entry.license) for entry in objects}
+    unclear = {
+        (source, license_) for source, license_ in sources if not OPEN.match(license_) or CLOSED.search(license_)
+    }
+    if not unclear:
+        return f"Apache-2.0; trained on meshes with attribution in NOTICE: {_joined(sources)}"
+    return f"not settled: read the terms of {_joined(unclear)} before you share the file" + (
+        f"; other meshes: {_joined(sources - unclear)}" if sources - unclear else ""
+    )
+
+
+def _joined(sources: set[tuple[str, str]]) -> str:
+    return ", ".join(f"{source} ({license_})" for source, license_ in sorted(sources))
 
 
 def _seen(manifest: Manifest, config: TrainConfig) -> str:
