@@ -20,8 +20,11 @@ class Scripted:
 
 
 @contextlib.contextmanager
-def scripted(*answers: bytes) -> Iterator[Scripted]:
-    """Run a server that gives one connection after the other its answer; it refuses those after the last."""
+def scripted(*answers: bytes | None) -> Iterator[Scripted]:
+    """Run a server that gives one connection after the other its answer; it refuses those after the last.
+
+    For None it says nothing until the client leaves.
+    """
     with socket.create_server(("127.0.0.1", 0)) as listener:
         server = Scripted(f"http://127.0.0.1:{listener.getsockname()[1]}")
 
@@ -33,8 +36,9 @@ def scripted(*answers: bytes) -> Iterator[Scripted]:
                     while b"\r\n\r\n" not in head:
                         head += connection.recv(65536)
                     server.requests.append(head)
-                    connection.sendall(answer)
-                    connection.shutdown(socket.SHUT_WR)
+                    if answer is not None:
+                        connection.sendall(answer)
+                        connection.shutdown(socket.SHUT_WR)
                     while connection.recv(65536):
                         pass
 

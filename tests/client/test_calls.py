@@ -9,6 +9,7 @@ from PIL import Image
 
 from hof_client import (
     Client,
+    ConnectionFailed,
     CorruptImage,
     CorruptWeights,
     Forbidden,
@@ -16,7 +17,9 @@ from hof_client import (
     InvalidParameter,
     NoObjectFound,
     NotFound,
+    Retry,
     StoredObject,
+    TooLarge,
     Unauthenticated,
 )
 from service.api.keys import make_key
@@ -24,7 +27,7 @@ from service.formats.weights import load
 from service.settings import Settings
 from tests.client.conftest import Open
 from tests.support.photos import disc, image_file
-from tests.support.server import running
+from tests.support.server import Server, running
 from tests.support.small.model import COLOR_SPEC, SIZE, SPEC
 
 PHOTO = image_file(disc())
@@ -66,6 +69,19 @@ def test_encode_of_bad_images_raises(hof: Client) -> None:
         hof.encode(PHOTO, foreground_ratio=2)
     assert [error.field for error in caught.value.errors] == ["foreground_ratio"]
     assert caught.value.request_id
+
+
+def test_image_over_the_limit_is_too_large_though_its_bytes_stay_unread(server: Server) -> None:
+    with Client(f"http://127.0.0.1:{server.port}", retry=Retry(times=0)) as client:
+        for _ in range(5):
+            with pytest.raises(TooLarge, match="limit is 200000"):
+                client.encode(bytes(8_000_000))
+
+
+def test_image_over_the_limit_is_too_large_or_a_hint_at_that(connect: Open, server: Server) -> None:
+    client = connect(f"http://127.0.0.1:{server.port}", retry=Retry(times=0))
+    with pytest.raises((TooLarge, ConnectionFailed), match=r"limit .*[0-9]{6}"):
+        client.encode(bytes(8_000_000))
 
 
 def test_objects_are_listed_read_and_deleted(hof: Client, disc_object: StoredObject) -> None:

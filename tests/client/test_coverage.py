@@ -84,6 +84,24 @@ def test_query_parameters_of_an_operation_are_those_of_the_methods(
     assert sent == declared
 
 
+def test_members_of_json_bodies_are_those_of_the_schema() -> None:
+    schemas = {
+        path: call["requestBody"]["content"]["application/json"]["schema"]["properties"]
+        for _, path, call in OPERATIONS
+        if list(call.get("requestBody", {}).get("content", {})) == ["application/json"]
+    }
+    bodies = [
+        (request.template, json.loads(request.content))
+        for _, request in _requests()
+        if request.template in schemas and request.content
+    ]
+    for path, properties in schemas.items():
+        sent = [body for template, body in bodies if template == path]
+        assert {name for body in sent for name in body} == set(properties)
+        if "mode" in properties:
+            assert {body["mode"] for body in sent} == set(properties["mode"]["enum"])
+
+
 def test_choices_of_parameters_are_those_of_the_schema() -> None:
     schema = {
         (path, each["name"]): set(_enum(each["schema"]))

@@ -7,7 +7,7 @@ from pathlib import Path
 import httpx
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hof_client import Client, InvalidParameter, StoredObject, Truncated, UnexpectedAnswer
@@ -109,6 +109,7 @@ def test_points_take_no_memory_beside_the_array() -> None:
     assert peak < 3 * len(piece)
 
 
+@settings(deadline=None)
 @given(st.integers(1, 50), st.lists(st.integers(1, 60), max_size=30))
 def test_points_do_not_depend_on_the_pieces_that_come(n: int, sizes: list[int]) -> None:
     points = np.random.default_rng(n).random((n, 3), np.float32)

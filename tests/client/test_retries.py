@@ -1,6 +1,8 @@
 """Repeats: as often and as late as the service and the settings say, and no more."""
 
 import time
+from datetime import UTC, datetime, timedelta
+from email.utils import format_datetime
 from pathlib import Path
 
 import numpy as np
@@ -104,6 +106,14 @@ def test_longer_wait_than_the_total_is_an_error_at_once(connect: Open) -> None:
     assert time.monotonic() - start < 30
 
 
+def test_date_of_retry_after_is_waited_for(connect: Open) -> None:
+    date = datetime.now(UTC).replace(microsecond=0) + timedelta(seconds=2)
+    busy = answer("503 Service Unavailable", Retry_After=format_datetime(date, usegmt=True))
+    with scripted(busy, LIVE) as server:
+        assert connect(server.url).live().status == "live"
+    assert datetime.now(UTC) >= date
+
+
 def test_delete_is_repeated_only_if_it_was_not_carried_out(connect: Open) -> None:
     gone = answer("204 No Content")
     with scripted(BUSY, gone) as server:
@@ -120,8 +130,8 @@ def test_unreachable_service_is_an_error_that_names_it(connect: Open) -> None:
 
 
 def test_silent_service_times_out_without_a_repeat(connect: Open) -> None:
-    with scripted(b"HTTP/1.1 100 Continue\r\n\r\n") as server, pytest.raises(TimedOut, match="timeout_s"):
-        connect(server.url, retry=SOON, timeout_s=0.001).live()
+    with scripted(None) as server, pytest.raises(TimedOut, match="timeout_s"):
+        connect(server.url, retry=SOON, timeout_s=0.2).live()
 
 
 def test_points_that_break_off_are_asked_for_again(connect: Open) -> None:

@@ -4,8 +4,8 @@ A `Reader` gathers a whole answer. `Rows` cuts a stream of bytes into points.
 """
 
 import json
-import os
 import re
+import secrets
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -67,7 +67,7 @@ class ToFile:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._part = path.with_name(f"{path.name}.{os.getpid()}.part")
+        self._part = path.with_name(f"{path.name}.{secrets.token_hex(4)}.part")
         self._file = self._part.open("wb")
 
     def feed(self, data: bytes) -> None:

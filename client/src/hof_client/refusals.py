@@ -25,6 +25,7 @@ from hof_client.problems import (
     Unreachable,
 )
 
+LARGE_BYTES: Final = 1_000_000  # of a body that the service may refuse for its size
 MAX_TEXT: Final = 200  # characters of an answer that is no problem+json
 
 _KINDS: Final = [kind for kind in vars(problems).values() if isinstance(kind, type) and issubclass(kind, Problem)]
@@ -87,7 +88,7 @@ def raising_ours(*, is_answered: bool = False) -> Iterator[None]:
     except httpx.TransportError as error:
         if is_answered:
             raise Truncated(f"the answer of {_host(error)} broke off: {_text(error)}") from error
-        raise ConnectionFailed(f"the connection to {_host(error)} broke: {_text(error)}") from error
+        raise ConnectionFailed(f"the connection to {_host(error)} broke: {_text(error)}{_hint(error)}") from error
     except httpx.DecodingError as error:
         raise UnexpectedAnswer(f"the answer of {_host(error)} cannot be decompressed: {_text(error)}") from error
 
@@ -112,6 +113,12 @@ def _field_errors(items: object) -> tuple[FieldError, ...]:
 def _host(error: httpx.RequestError) -> str:
     url = error.request.url
     return f"{url.scheme}://{url.netloc.decode()}"  # without user and password
+
+
+def _hint(error: httpx.RequestError) -> str:
+    """Return a reason that a large body may have: asyncio's sockets lose an answer that comes while they still send."""
+    size = int(error.request.headers.get("content-length", "0"))
+    return f"; its limit may be below the {size} bytes of the body" if size > LARGE_BYTES else ""
 
 
 def _text(error: Exception) -> str:
