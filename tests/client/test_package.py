@@ -1,5 +1,6 @@
 """The distribution: it needs httpx and NumPy alone, and its version is the service's."""
 
+import ast
 import re
 import subprocess
 import sys
@@ -54,6 +55,14 @@ def test_locked_versions_satisfy_the_requirements_of_the_client() -> None:
 
 def test_version_of_the_client_is_that_of_the_service() -> None:
     assert hof_client.__version__ == service.__version__
+
+
+def test_version_is_read_where_nothing_is_installed() -> None:
+    setuptools = tomllib.loads((ROOT / "client" / "pyproject.toml").read_text("utf-8"))["tool"]["setuptools"]
+    module, _, name = setuptools["dynamic"]["version"]["attr"].rpartition(".")
+    tree = ast.parse((ROOT / "client" / "src" / f"{module.replace('.', '/')}.py").read_text("utf-8"))
+    values = [node.value for node in tree.body if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == name]
+    assert [ast.literal_eval(value) for value in values] == [hof_client.__version__]
 
 
 def test_license_of_the_client_is_that_of_the_project() -> None:

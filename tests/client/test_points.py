@@ -1,7 +1,9 @@
 """Points as arrays and files: exact, allocated once, and refused if the answer broke off."""
 
+import asyncio
 import itertools
 import tracemalloc
+from contextlib import aclosing
 from pathlib import Path
 
 import httpx
@@ -10,11 +12,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hof_client import Client, InvalidParameter, StoredObject, Truncated, UnexpectedAnswer
+from hof_client import AsyncClient, Client, InvalidParameter, StoredObject, Truncated, UnexpectedAnswer
 from hof_client.bodies import ColoredArrays, PointArray
 from service.formats.points import ply
 from tests.client.conftest import Open
+from tests.support.photos import disc, image_file
 from tests.support.server import Server
+from tests.support.slow import runtime_of, until
 
 N = 20_000
 
@@ -52,6 +56,27 @@ def test_chunks_of_points_are_the_points(hof: Client, disc_object: StoredObject)
     assert len(chunks) > 1
     assert all(chunk.ndim == 2 and len(chunk) for chunk in chunks)
     assert np.array_equal(np.concatenate(chunks), hof.points(disc_object.id, 200_000))
+
+
+def test_iteration_that_is_left_frees_its_connection(colored_server: Server) -> None:
+    url, n = f"http://127.0.0.1:{colored_server.port}", 10_000_000
+    with Client(url) as client:
+        object_id = client.encode(image_file(disc())).id
+        for part in client.iter_points(object_id, n):
+            assert len(part)
+            break
+        assert client.live().status == "live"
+
+    async def leave() -> str:
+        async with AsyncClient(url) as client:
+            async with aclosing(client.iter_points(object_id, n)) as parts:
+                async for part in parts:
+                    assert len(part)
+                    break
+            return (await client.live()).status
+
+    assert asyncio.run(leave()) == "live"
+    until(lambda: runtime_of(colored_server).gates.points.held == 0)
 
 
 def test_colored_points_have_the_colors_of_the_service(

@@ -1,7 +1,7 @@
 """`AsyncClient`: the calls of `hof_client.calls`, sent by httpx for asyncio."""
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncGenerator, AsyncIterator
 from contextlib import asynccontextmanager
 from types import TracebackType
 from typing import Self, TypeVar
@@ -72,7 +72,7 @@ class AsyncClient:
     inference_model_ready = awaiting(calls.inference_model_ready)
     infer = awaiting(calls.infer)
 
-    async def iter_objects(self) -> AsyncIterator[StoredObject]:
+    async def iter_objects(self) -> AsyncGenerator[StoredObject, None]:
         """Iterate over all objects, newest first, a page at a time."""
         cursor = None
         while True:
@@ -93,7 +93,7 @@ class AsyncClient:
                 wait_s = attempts.wait_s(error)
             await asyncio.sleep(wait_s)
 
-    async def iterate(self, stream: Stream[SizedT]) -> AsyncIterator[SizedT]:
+    async def iterate(self, stream: Stream[SizedT]) -> AsyncGenerator[SizedT, None]:
         """Send a call and yield the pieces of its answer as they come; there are no repeats from the first piece on."""
         attempts = Attempts(self._retry, is_repeatable=stream.request.is_repeatable)
         while True:

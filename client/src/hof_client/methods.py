@@ -4,7 +4,7 @@ The types carry over: a method takes the parameters of the function, and returns
 """
 
 import inspect
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from collections.abc import AsyncGenerator, Awaitable, Callable, Iterator
 from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar
 
 from hof_client.request import Call, SizedT, Stream
@@ -30,7 +30,7 @@ class AsyncSender(Protocol):
     async def send(self, call: Call[T]) -> T:
         """Send a call and return its answer."""
 
-    def iterate(self, stream: Stream[SizedT]) -> AsyncIterator[SizedT]:
+    def iterate(self, stream: Stream[SizedT]) -> AsyncGenerator[SizedT, None]:
         """Send a call and iterate over its answer."""
 
 
@@ -61,10 +61,12 @@ def awaiting(build: Callable[P, Call[T]]) -> Callable[Concatenate[AsyncSender, P
     return _described(method, build)
 
 
-def async_iterating(build: Callable[P, Stream[SizedT]]) -> Callable[Concatenate[AsyncSender, P], AsyncIterator[SizedT]]:
+def async_iterating(
+    build: Callable[P, Stream[SizedT]],
+) -> Callable[Concatenate[AsyncSender, P], AsyncGenerator[SizedT, None]]:
     """Return the method that sends the call, and iterates over the answer with `async for`."""
 
-    def method(client: AsyncSender, /, *args: P.args, **kwargs: P.kwargs) -> AsyncIterator[SizedT]:
+    def method(client: AsyncSender, /, *args: P.args, **kwargs: P.kwargs) -> AsyncGenerator[SizedT, None]:
         return client.iterate(build(*args, **kwargs))
 
     return _described(method, build)
