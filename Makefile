@@ -46,7 +46,7 @@ bench: .venv/bench.stamp ## measure sampler, decoders and service on an idle mac
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.speed.run
 	$(BIN)/python -m tests.project.quoted_figures
 
-load: .venv/peers/stamp ## overload, peers, kills, damaged images, on two idle cores; writes benchmarks/LOAD.md
+load: .venv/peers/stamp .venv/system.stamp ## overload, peers, kills, outages, damaged images, on two idle cores; writes LOAD.md
 	$(BIN)/python -m benchmarks.load.run --peers .venv/peers
 	$(BIN)/python -m tests.project.quoted_figures
 

@@ -1,4 +1,4 @@
-"""`make load`: the service under load, beside others, killed, and sent damaged images; writes benchmarks/LOAD.md.
+"""`make load`: the service under load, beside others, killed, without database; writes benchmarks/LOAD.md.
 
 The server has one core and one thread of each kind; the load comes from another core. About half an hour; each part
 that ends is kept in benchmarks/load.json, so that one of them can be measured anew (`--parts`).
@@ -21,6 +21,7 @@ import numpy as np
 from benchmarks.load.beside_peers import compare
 from benchmarks.load.fuzz import fuzz
 from benchmarks.load.kills import faults
+from benchmarks.load.outages import outages
 from benchmarks.load.overload import compare_ways, overload
 from benchmarks.speed.timing import in_turn
 from benchmarks.targets import Target, targets_table
@@ -31,7 +32,7 @@ from service.settings import SHIPPED_MODEL
 from tests.support.resources import SERVER_CORE, others, pin_to
 
 FOLDER: Final = Path(__file__).resolve().parents[1]
-PARTS: Final = ("batching", "overload", "tried", "peers", "faults", "fuzz")
+PARTS: Final = ("batching", "overload", "tried", "peers", "faults", "outages", "fuzz")
 SIZES: Final = (1, 2, 4, 8, 16)
 
 
@@ -71,6 +72,8 @@ def _measure(name: str, targets: list[Target], peers: Path | None, *, quick: boo
             return compare(targets, SERVER_CORE, 1 if quick else 5, 0.5 if quick else 5, peers)
         case "faults":
             return faults(targets, *((2, 1) if quick else (100, 10)))
+        case "outages":
+            return outages(targets, 1 if quick else 5)
     return fuzz(targets, 200 if quick else 10_000)
 
 

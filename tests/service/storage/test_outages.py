@@ -2,7 +2,6 @@
 
 import asyncio
 import subprocess
-import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, ExitStack, contextmanager
@@ -20,8 +19,6 @@ from tests.support.slow import until
 
 SPEC = HOF_1.with_k(2)
 TIMEOUT_S = 2
-READY_S = 2.0  # until the service is unready
-SLACK_S = 1.5  # for a machine that does other things
 MAX_CONNECTIONS = 12
 TERMINATE = "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE datname = '{name}'"
 SLEEPING = "FROM pg_stat_activity WHERE wait_event = 'PgSleep'"
@@ -101,16 +98,15 @@ def _is_ready(client: httpx.Client) -> bool:
     return client.get("/health/ready").status_code == 200
 
 
-def _check_outage(client: httpx.Client, began: float) -> None:
-    """Check that the service is unready in time, and that calls end in time with a 503."""
-    while _is_ready(client):
-        pass
-    assert time.monotonic() - began < READY_S + SLACK_S
+def _check_outage(client: httpx.Client) -> None:
+    """Check that the service gets unready, and that calls end with a 503. `benchmarks.load.outages` measures how soon.
+
+    Without a limit of its own, the service would wait for a frozen server until the client's limit of 60 s.
+    """
+    until(lambda: not _is_ready(client))
     assert client.get("/health/live").status_code == 200
     for _ in range(3):
-        start = time.monotonic()
         answer = _post(client, 2)
-        assert time.monotonic() - start < TIMEOUT_S + SLACK_S
         assert (answer.status_code, answer.json()["title"]) == (503, "Store unavailable"), answer.text
         assert int(answer.headers["retry-after"]) >= 1
 
@@ -128,7 +124,7 @@ def test_service_with_postgresql_at_fault_answers_503_in_time_and_recovers(
         kept = _post(client, 1).json()["links"]["self"]
         assert _is_ready(client)
         with FAULTS[fault](own_postgres, url.rpartition("/")[2]):
-            _check_outage(client, time.monotonic())
+            _check_outage(client)
             assert client.get(kept).status_code == (200 if fault == "read-only" else 503)
         until(lambda: _is_ready(client))
         assert [_post(client, seed).status_code for seed in range(2, 8)] == [201] * 6
@@ -150,7 +146,7 @@ def test_service_behind_a_pgbouncer_that_restarts_answers_503_and_recovers(
         client = stack.enter_context(httpx.Client(base_url=served.url, timeout=60))
         assert _post(client, 1).status_code == 201
         bouncer.close()
-        _check_outage(client, time.monotonic())
+        _check_outage(client)
         port = int(through.rpartition(":")[2].partition("/")[0])
         stack.enter_context(own_postgres.bouncer(url, port))
         until(lambda: _is_ready(client))
