@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from model.cli.infinigen import add_infinigen
 from model.cli.pack import add_pack
 
 if TYPE_CHECKING:
@@ -23,6 +24,7 @@ def add_stages(data: "argparse._SubParsersAction[argparse.ArgumentParser]") -> N
     textures = data.add_parser("textures", help="collect the training objects' textures for `vary` and `make`")
     textures.set_defaults(run=_textures)
     _add_source(textures)
+    add_infinigen(data.add_parser("infinigen", help="make meshes of furniture and other things, for `make --meshes`"))
     _add_make(data.add_parser("make", help="make procedural furniture and other things, for training only"))
     notice = data.add_parser("notice", help="write the credits of the training objects, for NOTICE")
     notice.set_defaults(run=_notice)
@@ -70,7 +72,10 @@ def _add_make(make: argparse.ArgumentParser) -> None:
     """Declare the flags of `make`."""
     make.set_defaults(run=_make)
     make.add_argument("--data", type=Path, default=DATA, help="folder of the data set")
-    make.add_argument("--pieces", type=int, default=9_000, help="number of pieces")
+    pieces = make.add_mutually_exclusive_group()
+    pieces.add_argument("--pieces", type=int, default=9_000, help="number of pieces")
+    pieces.add_argument("--meshes", type=Path, help="folder of meshes to make the pieces of, in place of rules")
+    make.set_defaults(license="unknown", up="y", front=None)
     make.add_argument("--views", type=int, default=10, help="views per piece")
     make.add_argument("--processes", type=int, default=os.cpu_count() or 1, help="worker processes")
 
@@ -145,8 +150,14 @@ def _textures(arguments: argparse.Namespace) -> None:
 
 def _make(arguments: argparse.Namespace) -> None:
     from model.data.manifest import PIECES
+    from model.data.procedural.from_meshes import make_from_meshes
     from model.data.procedural.pieces import make
 
+    if arguments.meshes:
+        records = _records(arguments, arguments.data)
+        failures, repeats = make_from_meshes(records, arguments.data, arguments.views, arguments.processes)
+        print(f"{len(failures)} failures, {len(repeats)} duplicates: {arguments.data / PIECES}")
+        return
     failures = make(arguments.data, arguments.pieces, arguments.views, arguments.processes)
     print(f"{len(failures)} failures: {arguments.data / PIECES}")
 

@@ -1,0 +1,1 @@
+"""Objects that Infinigen makes, in a process and an environment of its own."""
