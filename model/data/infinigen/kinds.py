@@ -75,16 +75,39 @@ KINDS: Final = (
     Kind("washbasin", "bathroom.BathroomSinkFactory", "x", 2),
     Kind("standing-washbasin", "bathroom.StandingSinkFactory", "x", 2),
     Kind("bathtub", "bathroom.BathtubFactory", "x", 2),
-    Kind("sink", "table_decorations.SinkFactory", "x", 2),
     Kind("tap", "table_decorations.TapFactory", "x", 2),
     Kind("vase", "table_decorations.VaseFactory", share=3),
     Kind("book-stack", "table_decorations.BookStackFactory"),
-    Kind("aquarium", "decor.AquariumTankFactory", "x"),
+    Kind("book", "table_decorations.BookFactory"),
     Kind("towel", "clothes.TowelFactory"),
+    Kind("hook-rack", "organizer.SpatulaOnHookBaseFactory", "x"),
+    Kind("range-hood", "wall_decorations.RangeHoodFactory", "x"),
+    Kind("wall-shelf", "wall_decorations.WallShelfFactory", "x"),
+    Kind("storage-rack", "elements.RackFactory", "x"),
+    Kind("pallet", "elements.PalletFactory"),
+    Kind("pillar", "elements.PillarFactory"),
+    Kind("door", "elements.PanelDoorFactory"),
+    Kind("louver-door", "elements.LouverDoorFactory"),
+    Kind("window", "windows.WindowFactory", "x"),
+    Kind("staircase", "elements.StraightStaircaseFactory", "x", 2),
+    Kind("spiral-staircase", "elements.SpiralStaircaseFactory"),
+    Kind("curved-staircase", "elements.CurvedStaircaseFactory"),
+    Kind("apple", "fruits.FruitFactoryApple"),
+    Kind("starfruit", "fruits.FruitFactoryStarfruit"),
+    Kind("strawberry", "fruits.FruitFactoryStrawberry"),
+    Kind("blackberry", "fruits.FruitFactoryBlackberry"),
+    Kind("pineapple", "fruits.FruitFactoryPineapple"),
+    Kind("coconut", "fruits.FruitFactoryCoconutgreen"),
+    Kind("snake-plant", "small_plants.SnakePlantFactory", share=2),
+    Kind("succulent", "small_plants.SucculentFactory"),
+    Kind("spider-plant", "small_plants.SpiderPlantFactory", share=2),
+    Kind("nautilus", "mollusk.NautilusFactory"),
+    Kind("auger", "mollusk.AugerFactory"),
 )
 
 
 def kind_of(number: int) -> Kind:
-    """Return the kind of the object with this number: all kinds in turn, by their shares."""
-    turns = [kind for kind in KINDS for _ in range(kind.share)]
+    """Return the kind of the object with this number: all kinds in turn, those of larger shares in more rounds."""
+    rounds = range(max(kind.share for kind in KINDS))
+    turns = [kind for past in rounds for kind in KINDS if kind.share > past]
     return turns[number % len(turns)]

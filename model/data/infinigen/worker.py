@@ -98,9 +98,7 @@ def _joined(meshes: list[Any]) -> Any:  # noqa: ANN401 - a Blender object
         other.hide_render = other is not mesh
     count = _triangles(mesh)
     if count > MOST_TRIANGLES:
-        modifier = mesh.modifiers.new("decimate", "DECIMATE")
-        modifier.ratio = MOST_TRIANGLES / count
-        bpy.ops.object.modifier_apply(modifier=modifier.name)
+        _modify(mesh, "DECIMATE", ratio=MOST_TRIANGLES / count)
     return mesh
 
 
@@ -112,14 +110,18 @@ def _triangles(mesh: Any) -> int:  # noqa: ANN401
 
 def _divide(mesh: Any) -> None:  # noqa: ANN401
     """Subdivide a coarse mesh and give each side of a sharp edge its own vertices: its shape stays."""
+    _modify(mesh, "TRIANGULATE")  # else the subdivision covers the holes of concave faces
     for _ in range(DIVISIONS):
         if _triangles(mesh) < LEAST_TRIANGLES:
-            modifier = mesh.modifiers.new("divide", "SUBSURF")
-            modifier.subdivision_type = "SIMPLE"
-            modifier.levels = 1
-            bpy.ops.object.modifier_apply(modifier=modifier.name)
-    modifier = mesh.modifiers.new("split", "EDGE_SPLIT")
-    modifier.split_angle = SHARP
+            _modify(mesh, "SUBSURF", subdivision_type="SIMPLE", levels=1)
+    _modify(mesh, "EDGE_SPLIT", split_angle=SHARP)
+
+
+def _modify(mesh: Any, kind: str, **settings: Any) -> None:  # noqa: ANN401
+    """Apply a modifier."""
+    modifier = mesh.modifiers.new("step", kind)
+    for name, value in settings.items():
+        setattr(modifier, name, value)
     bpy.ops.object.modifier_apply(modifier=modifier.name)
 
 
