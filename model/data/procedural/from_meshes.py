@@ -19,7 +19,7 @@ from model.data.rendering.cameras import free_cameras
 from model.data.rendering.render import shoot, stage
 from model.data.rendering.surface import Floats
 from model.data.sources.meshes import MeshRecord, load_parts
-from model.data.workers import run_with_progress
+from model.data.workers import run_with_report
 from service.files import whole_file
 
 REPEATS: Final = "duplicates.json"  # in the folder of the pieces: name left out -> name kept
@@ -55,7 +55,7 @@ def make_from_meshes(
         MeshPieceJob(record, folder / PIECES / Path(object_file(record.id)).name, seed, views) for record in records
     ]
     missing = [job for job in jobs if job.target.stem not in repeats and not job.target.exists()]
-    failures = run_with_progress(render_mesh_piece, missing, lambda job: job.record.id, processes, "make", "piece")
+    report = run_with_report(render_mesh_piece, missing, lambda job: job.record.id, processes, "make", "piece")
     by_category: dict[str, list[Path]] = defaultdict(list)
     for job in jobs:
         if job.target.exists():
@@ -66,7 +66,7 @@ def make_from_meshes(
         file.write((json.dumps(repeats, indent=1, ensure_ascii=False) + "\n").encode())
     for name in repeats:
         (folder / PIECES / f"{name}.npz").unlink(missing_ok=True)
-    return failures, repeats
+    return report.failures, repeats
 
 
 def render_mesh_piece(job: MeshPieceJob) -> None:
