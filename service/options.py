@@ -8,6 +8,7 @@ from service.encoding.framing import Background
 from service.mapping.canonical import Sampling
 from service.mapping.sampler import SCALES
 from service.mapping.surface import RESOLUTION, RESOLUTIONS
+from service.planning.path import CELLS
 from service.settings import POINTS_CEILING
 
 ColorChoice = Literal["auto", "none"]
@@ -31,6 +32,8 @@ ChosenFrame = Annotated[
         "long; `raw` gives the function's own numbers times `scale`",
     ),
 ]
+Coordinate = Annotated[float, Field(allow_inf_nan=False)]
+Point = tuple[Coordinate, Coordinate, Coordinate]
 
 
 class EncodeOptions(BaseModel):
@@ -92,3 +95,31 @@ class MeshOptions(BaseModel):
         description="`auto` writes the vertices' colors if the object has them and the format holds them: `glb`, "
         "`gltf`, `obj`, `ply`; `none` leaves them out",
     )
+
+
+class PathOptions(BaseModel):
+    """A path around an object: its ends, and how coarse and how careful it is."""
+
+    start: Point = Field(
+        description="x, y, z where the path begins, in the object's frame and scale, no farther from the middle than "
+        "`scale` along each axis",
+        examples=[[-0.9, 0.1, 0.2]],
+    )
+    goal: Point = Field(description="x, y, z where it ends, likewise", examples=[[0.9, 0.1, -0.2]])
+    cells: int = Field(
+        default=32,
+        ge=CELLS[0],
+        le=CELLS[1],
+        description="cells along each side of the cube in which the path is planned; the cube is twice as long as the "
+        "object's longest side",
+    )
+    clearance: float = Field(
+        default=0,
+        ge=0,
+        le=SCALES[1],
+        allow_inf_nan=False,
+        description="smallest distance of the path from the object's points, in the unit of `scale`: for a robot, the "
+        "radius of a ball around it",
+    )
+    scale: Scale = 1.0
+    frame: ChosenFrame = "object"

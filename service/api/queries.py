@@ -6,7 +6,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from service.formats.weights import WeightFormatName
 from service.mapping.spec import MAX_K
-from service.options import EncodeOptions, MeshOptions, PointOptions
+from service.options import EncodeOptions, MeshOptions, PathOptions, PointOptions
 from service.runtime.composition import Mode
 
 PointFormatName = Literal["ply", "npy", "xyz", "json", "glb", "gltf", "pcd", "f32", "f16"]
@@ -58,6 +58,20 @@ class MeshQuery(MeshOptions, NoQuery):
     format: MeshFormatName | None = Field(
         default=None, description="file format; wins over `Accept`; GLB if neither names one"
     )
+
+
+class PathQuery(NoQuery):
+    """Parameters of `POST /objects/{id}/path`."""
+
+    format: Literal["json", "glb"] | None = Field(
+        default=None, description="file format; wins over `Accept`; JSON if neither names one"
+    )
+
+
+class PathBody(PathOptions, NoQuery):
+    """Body of `POST /objects/{id}/path`: the path to plan."""
+
+    model_config = ConfigDict(strict=True)
 
 
 class WeightsQuery(NoQuery):

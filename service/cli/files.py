@@ -19,6 +19,7 @@ from service.encoding.report import ImageReport
 from service.errors import HofError, InvalidParameter
 from service.files import whole_file
 from service.formats.mesh.registry import MESH_FORMATS, MeshFormat
+from service.formats.path import PATH_FORMATS, PathFormat
 from service.formats.points.registry import POINT_FORMATS, PointFormat
 from service.formats.points.writer import write
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
@@ -27,14 +28,15 @@ from service.mapping.color import ColorSampler
 from service.mapping.frame import Frame
 from service.mapping.sampler import Sampler
 from service.mapping.spec import Functions, MappingSpec, joined
-from service.options import EncodeOptions, MeshOptions, PointOptions
+from service.options import EncodeOptions, MeshOptions, PathOptions, PointOptions
 from service.runtime.composition import Member, check_members
 from service.runtime.cost import check_size
+from service.runtime.paths import path_of
 from service.runtime.shapes import cloud_of, functions_for, mesh_of
 from service.settings import POINTS_CEILING, Settings
 
-Format = TypeVar("Format", PointFormat, MeshFormat)
-Options = TypeVar("Options", EncodeOptions, PointOptions, MeshOptions)
+Format = TypeVar("Format", PointFormat, MeshFormat, PathFormat)
+Options = TypeVar("Options", EncodeOptions, PointOptions, MeshOptions, PathOptions)
 
 PICTURE: Final = ".png"
 STDIO: Final = Path("-")  # as an input: stdin; as the output: stdout
@@ -87,6 +89,17 @@ def mesh(arguments: argparse.Namespace) -> None:
     weights = _load(arguments.weights)
     functions = functions_for(weights.functions, options.color, holds_color=fmt.holds_color)
     _write(arguments.output, [fmt.dump(mesh_of(weights.spec, functions, _frame(weights), options))])
+
+
+def path(arguments: argparse.Namespace) -> None:
+    """Plan a path around the object of a weights file; it is the path that the service plans.
+
+    If there is none, a .json file says why, and a .glb file is not written.
+    """
+    fmt = _format(arguments, PATH_FORMATS)
+    options = _options(arguments, PathOptions)
+    weights = _load(arguments.weights)
+    _write(arguments.output, [fmt.dump(path_of(weights.spec, weights.functions, _frame(weights), options))])
 
 
 def compose(arguments: argparse.Namespace) -> None:

@@ -19,9 +19,10 @@ from service.cli import files
 from service.encoding.framing import Background
 from service.errors import HofError
 from service.formats.mesh.registry import MESH_FORMATS
+from service.formats.path import PATH_FORMATS
 from service.formats.points.registry import POINT_FORMATS
 from service.formats.weights import WEIGHT_FORMATS
-from service.options import MeshOptions, PointOptions
+from service.options import MeshOptions, PathOptions, PointOptions
 from service.settings import Settings
 
 FAILED: Final = 2
@@ -125,6 +126,8 @@ def _add_commands(stages: "argparse._SubParsersAction[argparse.ArgumentParser]")
     _add_fields(mesh, MeshOptions, ["resolution", "scale", "frame", "color"])
     mesh.set_defaults(run=files.mesh)
 
+    _add_path(stages.add_parser("path", help="plan a path around an object", description=files.path.__doc__))
+
     compose = stages.add_parser(
         "compose", help="compose weights files into points or a picture", description=files.compose.__doc__
     )
@@ -136,6 +139,16 @@ def _add_commands(stages: "argparse._SubParsersAction[argparse.ArgumentParser]")
     info = stages.add_parser("info", help="describe a weights file", description=files.info.__doc__)
     info.add_argument("weights", type=Path, help="a .safetensors file; - for stdin")
     info.set_defaults(run=files.info)
+
+
+def _add_path(stage: argparse.ArgumentParser) -> None:
+    stage.add_argument("weights", type=Path, help="a .safetensors file of `hof encode` or of the service; - for stdin")
+    for name in ("start", "goal"):
+        text = PathOptions.model_fields[name].description
+        stage.add_argument(f"--{name}", nargs=3, required=True, metavar=("X", "Y", "Z"), help=text)
+    _add_output(stage, [fmt.extension for fmt in PATH_FORMATS.values()])
+    _add_fields(stage, PathOptions, ["cells", "clearance", "scale", "frame"])
+    stage.set_defaults(run=files.path)
 
 
 def _add_settings(parser: argparse.ArgumentParser, only: set[str] | None = None) -> None:

@@ -34,6 +34,8 @@ def before_call(context: schemathesis.HookContext, case: schemathesis.Case[Any],
         query["offset"] = min(int(query["offset"]), MOST_OFFSET)
     if case.operation.label == "POST /compose" and (word := _word(case.operation.base_url)):
         case.body = {**case.body, "objects": word}  # type: ignore[dict-item]
+    if case.operation.label == "POST /objects/{id}/path":
+        case.body = {**case.body, **_ends(case.body)}  # type: ignore[dict-item]
     if case.operation.label in BODIES:
         number = zlib.crc32(repr(case.body).encode()) % 100
         case.media_type, kwargs["data"] = BODIES[case.operation.label](number, case.media_type)
@@ -44,6 +46,12 @@ def _word(url: str) -> list[str]:
     items = httpx.get(url + "objects", params={"limit": 500}).json()["items"]
     ids = [item["id"] for item in items if item["kind"] != "composed"]
     return ids[:2] if len(ids) > 1 else []
+
+
+def _ends(body: Any) -> dict[str, object]:  # noqa: ANN401 - any JSON
+    """Return ends of a path that every object leaves free: corners of the cube, in the object frame."""
+    scale = float(body.get("scale", 1))
+    return {"start": [-scale] * 3, "goal": [scale] * 3, "frame": "object", "clearance": 0}
 
 
 def _photo(number: int, media_type: str | None) -> tuple[str, bytes]:

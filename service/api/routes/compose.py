@@ -4,8 +4,6 @@ from collections.abc import Sequence
 from typing import Annotated, Final
 
 from fastapi import APIRouter, Query
-from fastapi.exceptions import RequestValidationError
-from pydantic import ValidationError
 from starlette.requests import Request
 from starlette.responses import Response
 
@@ -14,8 +12,8 @@ from service.api.dependencies import ReadyRuntime
 from service.api.queries import Composition, NoQuery
 from service.api.responses import BODY_STALLED, OVERLOADED, ComposedObjects, Problem, Responses, StoredObject
 from service.api.wire.disconnects import while_connected
-from service.api.wire.uploads import read_body
-from service.errors import InvalidInput, NotFound
+from service.api.wire.json_bodies import read_json
+from service.errors import NotFound
 from service.mapping.box import PROBE_POINTS
 from service.mapping.spec import Functions
 from service.runtime.composition import Proposal, check_records, examined, propose
@@ -64,7 +62,7 @@ async def compose(
 
     Ids are digests of the mode and the word: a repeat answers 200 with the same objects.
     """
-    composition = await _read(request)
+    composition = await read_json(request, Composition, MAX_BODY_BYTES)
     members = await _members(runtime, composition)
     cost = cost_of(members[0][0].spec, *(functions for _, functions in members))
     with runtime.gates.points.admit(PROBE_POINTS * len(members) * cost):
@@ -78,18 +76,6 @@ async def compose(
     if any_new:
         response.headers["Location"] = objects[0].links.self_
     return objects[0]
-
-
-async def _read(request: Request) -> Composition:
-    """Return the body. Raises InvalidInput if it is not JSON, RequestValidationError for other faults."""
-    body = await read_body(request, MAX_BODY_BYTES)
-    try:
-        return Composition.model_validate_json(body)
-    except ValidationError as error:
-        errors = error.errors(include_url=False)
-        if errors[0]["type"] == "json_invalid":
-            raise InvalidInput("the body is not JSON") from error
-        raise RequestValidationError(errors) from error
 
 
 async def _members(runtime: Runtime, composition: Composition) -> list[tuple[Record, Functions]]:

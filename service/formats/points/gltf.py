@@ -20,14 +20,15 @@ from service.mapping.spec import Array, Colors
 JSON_BYTES: Final = 1024
 PLAIN: Final = 12  # bytes per point: three float32
 COLORED: Final = 24  # bytes per point: six float32; a multiple of 3 like `PLAIN`, so base64 pieces join without padding
-_FLOAT, _ARRAY_BUFFER, _POINTS = 5126, 34962, 0
+POINTS, LINES = 0, 1  # modes of a mesh
+_FLOAT, _ARRAY_BUFFER = 5126, 34962
 _URI: Final = "data:application/octet-stream;base64,"
 _JSON_TAIL: Final = b'"}]}'
 _GRAY = [0.18, 0.18, 0.2, 1.0]  # linear RGBA: visible on white and on black
 WHITE: Final = [1.0, 1.0, 1.0, 1.0]  # keeps the points' own colors unchanged
 
 
-def head(n: int, bounds: tuple[Array, Array] | None, *, stride: int = PLAIN) -> bytes:
+def head(n: int, bounds: tuple[Array, Array] | None, *, stride: int = PLAIN, mode: int = POINTS) -> bytes:
     """Return the file header, the JSON chunk and the header of the binary chunk.
 
     Parameters
@@ -35,6 +36,7 @@ def head(n: int, bounds: tuple[Array, Array] | None, *, stride: int = PLAIN) -> 
     n : number of points.
     bounds : the points' smallest and largest coordinates, (3,) and (3,) float32.
     stride : bytes per point: `PLAIN` or `COLORED`.
+    mode : `POINTS`, or `LINES` to join the first to the second, the third to the fourth, and so on.
 
     Raises
     ------
@@ -42,7 +44,7 @@ def head(n: int, bounds: tuple[Array, Array] | None, *, stride: int = PLAIN) -> 
     """
     if bounds is None:
         raise ValueError("a GLB file needs the bounds of its points")
-    text = json.dumps(_document(n, *bounds, stride), separators=(",", ":")).encode("ascii").ljust(JSON_BYTES)
+    text = json.dumps(_document(n, *bounds, stride, mode), separators=(",", ":")).encode("ascii").ljust(JSON_BYTES)
     return b"".join(
         [
             struct.pack("<4sII", b"glTF", 2, length(n, stride=stride)),
@@ -72,7 +74,7 @@ def json_head(n: int, bounds: tuple[Array, Array] | None, *, stride: int = PLAIN
     """Return a .gltf file up to the start of its points. Raises ValueError if bounds is None."""
     if bounds is None:
         raise ValueError("a glTF file needs the bounds of its points")
-    document = _document(n, *bounds, stride)
+    document = _document(n, *bounds, stride, POINTS)
     document["buffers"][0]["uri"] = _URI
     text = json.dumps(document, separators=(",", ":")).encode("ascii")
     text = text.removesuffix(_JSON_TAIL)  # the URI is the last value of the document
@@ -115,7 +117,7 @@ def _levels() -> Array:
 _LINEAR: Final = _levels()
 
 
-def _document(n: int, low: Array, high: Array, stride: int) -> dict[str, Any]:
+def _document(n: int, low: Array, high: Array, stride: int, mode: int) -> dict[str, Any]:
     colored = stride != PLAIN
     position = {
         "bufferView": 0,
@@ -141,7 +143,7 @@ def _document(n: int, low: Array, high: Array, stride: int) -> dict[str, Any]:
         "scene": 0,
         "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": [{"attributes": attributes, "material": 0, "mode": _POINTS}]}],
+        "meshes": [{"primitives": [{"attributes": attributes, "material": 0, "mode": mode}]}],
         "materials": [{"pbrMetallicRoughness": base, "extensions": {"KHR_materials_unlit": {}}}],
         "accessors": [position, color] if colored else [position],
         "bufferViews": [view | {"byteStride": stride} if colored else view],

@@ -15,4 +15,5 @@ def test_declared_gates_of_all_routes_are_those_of_calls_that_always_compute(set
         ("POST", "/v2/models/{name}/versions/{version}/infer"): gates.images,
         ("POST", "/objects"): gates.points,
         ("POST", "/compose"): gates.points,
+        ("POST", "/objects/{id}/path"): gates.points,
     }
