@@ -2,7 +2,7 @@
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from service.formats.weights import WeightFormatName
 from service.mapping.spec import MAX_K
@@ -72,6 +72,12 @@ class PathBody(PathOptions, NoQuery):
     """Body of `POST /objects/{id}/path`: the path to plan."""
 
     model_config = ConfigDict(strict=True)
+
+    @field_validator("cells", mode="before")
+    @classmethod
+    def _whole(cls, value: object) -> object:
+        """Return 32 for 32.0, which is an integer in a JSON schema."""
+        return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
 class WeightsQuery(NoQuery):

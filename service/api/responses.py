@@ -216,10 +216,13 @@ class ObjectPage(BaseModel):
     limit: int
 
 
+Waypoint = Annotated[list[float], Field(min_length=3, max_length=3)]
+
+
 class PlannedPath(BaseModel):
     """A path around an object, or why there is none."""
 
-    path: list[tuple[float, float, float]] | None = Field(
+    path: list[Waypoint] | None = Field(
         description="waypoints x, y, z from start to goal, to be joined by straight lines, in the frame and scale of "
         "the request; null if there is no path",
         examples=[[[-0.9, 0.1, 0.2], [0.03, 0.66, 0.22], [0.9, 0.1, -0.2]]],

@@ -38,7 +38,14 @@ def test_service_under_schemathesis_conforms_to_its_schema(model_path: Path, tmp
         assert "Stateful" in run.stdout
         assert process.poll() is None
         figures = httpx.get(f"{url}/metrics").text
-    for route in ("/encode", "/compose", "/objects", "/objects/{id}/points", "/objects/{id}/mesh"):
+    for route in (
+        "/encode",
+        "/compose",
+        "/objects",
+        "/objects/{id}/points",
+        "/objects/{id}/mesh",
+        "/objects/{id}/path",
+    ):
         assert any(f'route="{route}"' in line and 'status="20' in line for line in figures.splitlines()), (
             f"no valid call of {route} was among them"
         )

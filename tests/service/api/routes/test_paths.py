@@ -45,7 +45,7 @@ def test_path_around_an_object_leads_from_start_to_goal(client: httpx.Client, li
 
 
 def test_path_past_an_object_is_straight(client: httpx.Client, link: str) -> None:
-    planned = _plan(client, link, **PAST)
+    planned = _plan(client, link, **PAST, cells=32.0)
     assert (planned["path"], planned["straight"]) == ([PAST["start"], PAST["goal"]], True)
 
 
