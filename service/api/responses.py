@@ -15,7 +15,6 @@ from service.encoding.masks import Mask
 from service.encoding.report import ImageReport as Report
 from service.mapping.frame import Frame
 from service.mapping.spec import CACHED_SPECS, Activation, Array, Domain, Functions, MappingSpec
-from service.planning.path import Reason
 from service.storage.rows import Kind, Record
 
 Responses = dict[int | str, dict[str, Any]]  # of a route, by status, as FastAPI takes them
@@ -214,25 +213,6 @@ class ObjectPage(BaseModel):
     items: list[StoredObject]
     next: str | None = Field(description="cursor of the next page; null on the last")
     limit: int
-
-
-Waypoint = Annotated[list[float], Field(min_length=3, max_length=3)]
-
-
-class PlannedPath(BaseModel):
-    """A path around an object, or why there is none."""
-
-    path: list[Waypoint] | None = Field(
-        description="waypoints x, y, z from start to goal, to be joined by straight lines, in the frame and scale of "
-        "the request; null if there is no path",
-        examples=[[[-0.9, 0.1, 0.2], [0.03, 0.66, 0.22], [0.9, 0.1, -0.2]]],
-    )
-    length: float | None = Field(description="of the path, in the unit of `scale`", examples=[2.21])
-    straight: bool = Field(description="the path is the straight line from start to goal")
-    reason: Reason | None = Field(
-        description="why there is no path: `start inside` or `goal inside` the object or nearer to it than "
-        "`clearance`; `enclosed`: no free cells lead from one to the other. Null if there is a path"
-    )
 
 
 class Health(BaseModel):

@@ -28,6 +28,7 @@ from service.settings import Settings
 from tests.client.conftest import Open
 from tests.support.photos import disc, image_file
 from tests.support.server import Server, running
+from tests.support.small.ball import ball_file
 from tests.support.small.model import COLOR_SPEC, SIZE, SPEC
 
 PHOTO = image_file(disc())
@@ -138,6 +139,20 @@ def test_weights_come_back_as_an_object(hof: Client, disc_object: StoredObject) 
 def test_mesh_returns_the_file_of_the_format(hof: Client, disc_object: StoredObject) -> None:
     assert hof.mesh(disc_object.id, resolution=8)[:4] == b"glTF"
     assert hof.mesh(disc_object.id, format="ply", resolution=8, scale=2, color="none").startswith(b"ply\n")
+
+
+def test_path_is_planned_as_waypoints_and_as_a_file(hof: Client) -> None:
+    ball = hof.import_object(ball_file())
+    around = hof.path(ball.id, (-1.8, 0.1, 0.1), np.array([1.8, 0.1, 0.1]), scale=2, clearance=0.1, cells=24)
+    assert around.path is not None
+    assert (around.path[0], around.path[-1]) == ((-1.8, 0.1, 0.1), (1.8, 0.1, 0.1))
+    assert around.length is not None
+    assert (around.length > 3.6, around.straight, around.reason) == (True, False, None)
+    assert hof.path_file(ball.id, (-1, 0, 0), (1, 0, 0))[:4] == b"glTF"
+    enclosed = hof.path(ball.id, (-1, 0, 0), (0, 0, 0))
+    assert (enclosed.path, enclosed.length, enclosed.reason) == (None, None, "enclosed")
+    with pytest.raises(InvalidParameter, match="enclosed"):
+        hof.path_file(ball.id, (-1, 0, 0), (0, 0, 0))
 
 
 def test_models_and_probes_and_metrics_answer(hof: Client) -> None:

@@ -26,6 +26,8 @@ VALUES: Mapping[str, Any] = {
     "object_id": "0" * 32,
     "path": "object.ply",
     "objects": ["0" * 32],
+    "start": (-1, 0, 0),
+    "goal": (1, 0, 0),
     "name": "hof1-k2",
     "images": np.zeros((1, 3, 4, 4), np.float32),
 }

@@ -14,6 +14,7 @@ from hof_client.answers import (
     ImageReport,
     Model,
     ObjectPage,
+    PlannedPath,
     Spec,
     StoredObject,
 )
@@ -83,6 +84,7 @@ __all__ = [
     "NotReady",
     "ObjectPage",
     "Overloaded",
+    "PlannedPath",
     "Problem",
     "RateLimited",
     "Retry",

@@ -152,6 +152,24 @@ class ComposedObjects:
 
 
 @dataclass(frozen=True, kw_only=True)
+class PlannedPath:
+    """A path around an object, or why there is none.
+
+    Attributes
+    ----------
+    path : waypoints from start to goal, to be joined by straight lines; None if there is no path.
+    length : of the path, in the unit of `scale`.
+    straight : the path is the straight line from start to goal.
+    reason : `start inside`, `goal inside` or `enclosed`; None if there is a path.
+    """
+
+    path: tuple[tuple[float, float, float], ...] | None
+    length: float | None
+    straight: bool
+    reason: str | None
+
+
+@dataclass(frozen=True, kw_only=True)
 class Health:
     """The answer to a probe: `live` or `ready`."""
 

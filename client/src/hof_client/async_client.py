@@ -56,6 +56,8 @@ class AsyncClient:
     save_points = awaiting(calls.save_points)
     mesh = awaiting(calls.mesh)
     weights = awaiting(calls.weights)
+    path = awaiting(calls.path)
+    path_file = awaiting(calls.path_file)
     theta = awaiting(calls.theta)
 
     models = awaiting(calls.models)

@@ -67,6 +67,8 @@ class Client:
     save_points = sending(calls.save_points)
     mesh = sending(calls.mesh)
     weights = sending(calls.weights)
+    path = sending(calls.path)
+    path_file = sending(calls.path_file)
     theta = sending(calls.theta)
 
     models = sending(calls.models)

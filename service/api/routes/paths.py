@@ -3,6 +3,7 @@
 from typing import Annotated, Final
 
 from fastapi import APIRouter, Query
+from pydantic import BaseModel, Field
 from starlette.requests import Request
 from starlette.responses import Response
 
@@ -15,7 +16,6 @@ from service.api.responses import (
     BODY_STALLED,
     OBJECT_NOT_FOUND,
     OVERLOADED,
-    PlannedPath,
     Problem,
     Responses,
 )
@@ -26,12 +26,33 @@ from service.formats.path import PATH_FORMATS, PathFormat
 from service.mapping.frame import Frame
 from service.mapping.spec import Functions, MappingSpec
 from service.options import PathOptions
+from service.planning.path import Reason
 from service.runtime.frames import completed
 from service.runtime.paths import path_cost, path_of
 
 router = APIRouter(prefix="/objects", tags=["objects"])
 
 MAX_BODY_BYTES: Final = 4096
+
+Waypoint = Annotated[list[float], Field(min_length=3, max_length=3)]
+
+
+class PlannedPath(BaseModel):
+    """A path around an object, or why there is none."""
+
+    path: list[Waypoint] | None = Field(
+        description="waypoints x, y, z from start to goal, to be joined by straight lines, in the frame and scale of "
+        "the request; null if there is no path",
+        examples=[[[-0.9, 0.1, 0.2], [0.03, 0.66, 0.22], [0.9, 0.1, -0.2]]],
+    )
+    length: float | None = Field(description="of the path, in the unit of `scale`", examples=[2.21])
+    straight: bool = Field(description="the path is the straight line from start to goal")
+    reason: Reason | None = Field(
+        description="why there is no path: `start inside` or `goal inside` the object or nearer to it than "
+        "`clearance`; `enclosed`: no free cells lead from one to the other. Null if there is a path"
+    )
+
+
 REQUEST_BODY: Final = {"required": True, "content": {"application/json": {"schema": PathBody.model_json_schema()}}}
 RESPONSES: Final[Responses] = {
     **OBJECT_NOT_FOUND,

@@ -21,6 +21,7 @@ from hof_client.calls.objects import (
     objects,
 )
 from hof_client.calls.objects import object_ as object  # noqa: A004 - the name of the method
+from hof_client.calls.paths import path, path_file
 from hof_client.calls.service import live, metrics, model, models, ready
 from hof_client.calls.shapes import colored_points, iter_points, mesh, points, save_points, theta, weights
 
@@ -49,6 +50,8 @@ __all__ = [
     "models",
     "object",
     "objects",
+    "path",
+    "path_file",
     "points",
     "ready",
     "save_points",

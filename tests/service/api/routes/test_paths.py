@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from service.api.responses import PlannedPath
+from service.api.routes.paths import PlannedPath
 from service.planning.path import CELLS, points_for
 from service.settings import Settings
 from tests.support.gltf import check_valid
