@@ -2,20 +2,24 @@
 
 import json
 from collections.abc import Sequence
-from typing import Literal
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from hof_client.answers import PlannedPath
 from hof_client.bodies import Whole, json_reader
 from hof_client.calls.shapes import Frame
 from hof_client.request import Call, Request
 
+Point = Sequence[float] | NDArray[np.floating[Any]]  # x, y, z
 PathFormat = Literal["json", "glb"]
 
 
 def path(
     object_id: str,
-    start: Sequence[float],
-    goal: Sequence[float],
+    start: Point,
+    goal: Point,
     *,
     cells: int = 32,
     clearance: float = 0.0,
@@ -41,8 +45,8 @@ def path(
 
 def path_file(
     object_id: str,
-    start: Sequence[float],
-    goal: Sequence[float],
+    start: Point,
+    goal: Point,
     *,
     format: PathFormat = "glb",  # noqa: A002 - the name in the API
     cells: int = 32,
@@ -59,8 +63,8 @@ def path_file(
 def _request(
     object_id: str,
     format_: PathFormat,
-    start: Sequence[float],
-    goal: Sequence[float],
+    start: Point,
+    goal: Point,
     cells: int,
     clearance: float,
     scale: float,
