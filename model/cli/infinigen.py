@@ -1,6 +1,7 @@
 """`hof-model data infinigen`: meshes of furniture and other things, made with Infinigen."""
 
 import argparse
+import resource
 from collections import Counter
 from pathlib import Path
 from typing import Final
@@ -38,9 +39,23 @@ def _infinigen(arguments: argparse.Namespace) -> None:
     from model.data.infinigen.generate import generate, worker_command
 
     command = worker_command(interpreter(arguments.environment))
+    earlier, start_s = len(_kinds(arguments.out)), _processor_s()
     failures = generate(arguments.out, arguments.count, command, arguments.limit_s, arguments.processes)
-    made = Counter(path.stem.split("-", 1)[1] for path in arguments.out.glob("*.glb"))
+    made = Counter(_kinds(arguments.out))
     failed = Counter(name.split("-", 1)[1] for name in failures)
     for kind in sorted(made | failed):
         print(f"{kind:<24}{made[kind]:>6} made{failed[kind]:>6} failed")
+    used_s, added = _processor_s() - start_s, made.total() - earlier
+    print(f"{added} objects in {used_s:.0f} s of processor time: {3600 * added / max(used_s, 1):.0f} an hour and core")
     print(f"{made.total()} objects of {len(made)} kinds, {failed.total()} failed: {arguments.out}")
+
+
+def _kinds(folder: Path) -> list[str]:
+    """Return the kind of each mesh in the folder."""
+    return [path.stem.split("-", 1)[1] for path in folder.glob("*.glb")]
+
+
+def _processor_s() -> float:
+    """Return the processor time in seconds of the worker processes that have ended."""
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
