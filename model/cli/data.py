@@ -155,18 +155,19 @@ def _make(arguments: argparse.Namespace) -> None:
 
     if arguments.meshes:
         records = _records(arguments, arguments.data)
-        failures, repeats = make_from_meshes(records, arguments.data, arguments.views, arguments.processes)
-        print(f"{len(failures)} failures, {len(repeats)} duplicates: {arguments.data / PIECES}")
+        manifest = make_from_meshes(records, arguments.data, arguments.views, arguments.processes)
+        counts = f"{len(manifest.entries)} pieces of meshes, {len(manifest.duplicates)} duplicates"
+        print(f"{counts}, {len(manifest.failures)} failures: {arguments.data / PIECES}")
         return
     failures = make(arguments.data, arguments.pieces, arguments.views, arguments.processes)
     print(f"{len(failures)} failures: {arguments.data / PIECES}")
 
 
 def _notice(arguments: argparse.Namespace) -> None:
-    from model.data.manifest import Manifest
+    from model.data.manifest import Manifest, piece_entries
     from model.data.notice import notice
 
-    text = notice(Manifest.read(arguments.data).of("train"))
+    text = notice([*Manifest.read(arguments.data).of("train"), *piece_entries(arguments.data)])
     if arguments.output:
         arguments.output.write_text(text, encoding="utf-8")
         print(arguments.output)

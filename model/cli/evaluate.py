@@ -101,7 +101,7 @@ def _evaluate(arguments: argparse.Namespace) -> None:
 
 
 def _export(arguments: argparse.Namespace) -> None:
-    from model.data.manifest import Manifest
+    from model.data.manifest import Manifest, piece_entries
     from model.evaluation.comparison import encoder_record, references
     from model.export import export
     from model.networks.color_head import load
@@ -113,7 +113,8 @@ def _export(arguments: argparse.Namespace) -> None:
     trained, config, run = load_encoder(chosen_checkpoint(arguments.folder))
     color, color_training = load(arguments.folder, trained, config.spec) or (None, None)
     output: Path = arguments.output
-    card = make_card(output.stem, config, run, Manifest.read(arguments.data), color_training)
+    pieces = piece_entries(arguments.data) if config.made else ()
+    card = make_card(output.stem, config, run, Manifest.read(arguments.data), color_training, pieces)
     with tempfile.TemporaryDirectory() as folder:
         unmeasured = Path(folder) / output.name
         for quantity, difference in export(trained, config, card, unmeasured, color).items():

@@ -65,7 +65,7 @@ def build(
     fixed = {id_: split for id_ in rendered if split}
     fixed |= {entry.id: entry.split for entry in earlier.entries} | dict(frozen or {})
     splits = assign_splits([id_ for id_ in rendered if id_ not in repeats], seed, fixed)
-    new = [_entry(rendered[id_].record, split_) for id_, split_ in splits.items()]
+    new = [entry_of(rendered[id_].record, split_) for id_, split_ in splits.items()]
     entries = tuple(sorted([*kept, *new], key=lambda entry: entry.id))
     remarks = {**earlier.losses, **report.remarks}
     losses = {entry.id: remarks[entry.id] for entry in entries if entry.id in remarks}
@@ -87,7 +87,8 @@ def _no_mesh(failures: Mapping[str, str]) -> str:
     return f"none of {len(failures)} meshes can be used; {id_}: {failure}"
 
 
-def _entry(record: MeshRecord, split: Split) -> Entry:
+def entry_of(record: MeshRecord, split: Split) -> Entry:
+    """Return the manifest's entry of a rendered mesh."""
     return Entry(
         id=record.id,
         name=record.name,

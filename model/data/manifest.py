@@ -125,6 +125,12 @@ def piece_files(folder: Path) -> list[Path]:
     return files
 
 
+def piece_entries(folder: Path) -> tuple[Entry, ...]:
+    """Return the entries of the pieces that `hof-model data make --meshes` made; pieces made by rule have none."""
+    made = folder / PIECES
+    return Manifest.read(made).entries if (made / "manifest.json").is_file() else ()
+
+
 def assign_splits(ids: list[str], seed: int, fixed: Mapping[str, Split] | None = None) -> dict[str, Split]:
     """Assign splits to ids: those of `fixed` stay, the others get 80/10/10 at random by seed.
 

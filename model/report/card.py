@@ -1,10 +1,11 @@
 """The model card: metadata of a weights file, and its Markdown page."""
 
 import re
+from collections.abc import Collection
 from typing import Any
 
 from model.config import TrainConfig
-from model.data.manifest import SPLITS, Manifest
+from model.data.manifest import SPLITS, Entry, Manifest
 from model.data.sources.sweethome3d import frozen_split
 from model.evaluation.evaluate import Evaluation
 from model.metrics import NAMES, interval
@@ -32,7 +33,12 @@ NO_COLOR_LIMIT = "Geometry only: no color."
 
 
 def make_card(
-    name: str, config: TrainConfig, run: dict[str, Any], manifest: Manifest, color: dict[str, Any] | None = None
+    name: str,
+    config: TrainConfig,
+    run: dict[str, Any],
+    manifest: Manifest,
+    color: dict[str, Any] | None = None,
+    pieces: Collection[Entry] = (),
 ) -> dict[str, Any]:
     """Return the card of a trained encoder, without its figures.
 
@@ -40,13 +46,14 @@ def make_card(
     ----------
     run : `step` and `elapsed_s` of the checkpoint.
     color : training of the color head; None without one.
+    pieces : made from meshes, and trained on too.
     """
     sizes = {split: sum(1 for _ in manifest.of(split)) for split in SPLITS}
-    licenses = sorted({f"{entry.source}: {entry.license}" for entry in manifest.entries})
+    licenses = sorted({f"{entry.source}: {entry.license}" for entry in (*manifest.entries, *pieces)})
     return {
         "name": name,
         "version": "1",
-        "license": license_of(manifest),
+        "license": license_of(manifest, pieces),
         "trunk": TRUNKS[config.encoder.trunk],
         "method": "Higher-Order Function networks (Mitchell, Engin, Isler, Lee; ICLR 2020)",
         "data": {"objects": sizes, "seed": manifest.seed, "licences": licenses, "made": config.made},
@@ -61,9 +68,9 @@ def make_card(
     }
 
 
-def license_of(manifest: Manifest) -> str:
-    """Return the license of the weights, with the license of each source of training meshes."""
-    objects = list(manifest.of("train"))
+def license_of(manifest: Manifest, pieces: Collection[Entry] = ()) -> str:
+    """Return the license of the weights, with the license of each source of training meshes, `pieces` included."""
+    objects = [*manifest.of("train"), *pieces]
     if {entry.id for entry in objects} <= set(frozen_split()):
         return LICENSE
     sources = {(entry.source, entry.license) for entry in objects}

@@ -24,7 +24,7 @@ MOST_IN_A_ROW: Final = 12  # failures: more mean that the environment is at faul
 LEAST_FREE_BYTES: Final = 500_000_000
 LISTED: Final = {
     "source": "Infinigen",
-    "author": "made with Infinigen by Princeton Vision & Learning Lab",
+    "author": "Infinigen, Princeton University",
     "license": "BSD-3-Clause",
     "page": "https://infinigen.org",
 }
@@ -145,7 +145,7 @@ def write_list(folder: Path) -> None:
     with whole_file(folder / LIST) as file:
         for path in sorted(folder.glob("*.glb")):
             kind = path.stem.split("-", 1)[1]
-            line = {"file": path.name, "category": kind, "front": fronts.get(kind, "z"), **LISTED}
+            line = {"file": path.name, "title": kind, "category": kind, "front": fronts.get(kind, "z"), **LISTED}
             file.write((json.dumps(line) + "\n").encode())
 
 

@@ -1,17 +1,15 @@
 """Pieces made from a folder of meshes, for training only; near-duplicates are left out."""
 
-import json
 from collections import defaultdict
 from collections.abc import Iterable
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 from tqdm import tqdm
 
-from model.data.build import object_file
+from model.data.build import entry_of, object_file
 from model.data.dedupe import duplicates
 from model.data.manifest import PIECES, Manifest
 from model.data.procedural.pieces import visible_points
@@ -21,8 +19,6 @@ from model.data.rendering.surface import Floats
 from model.data.sources.meshes import MeshRecord, load_parts
 from model.data.workers import run_with_report
 from service.files import whole_file
-
-REPEATS: Final = "duplicates.json"  # in the folder of the pieces: name left out -> name kept
 
 
 @dataclass(frozen=True)
@@ -35,38 +31,45 @@ class MeshPieceJob:
     views: int
 
 
-def make_from_meshes(
-    records: Iterable[MeshRecord], folder: Path, views: int, processes: int
-) -> tuple[dict[str, str], dict[str, str]]:
-    """Write the missing pieces of the records to the data set `folder`, then remove those that repeat another.
+def make_from_meshes(records: Iterable[MeshRecord], folder: Path, views: int, processes: int) -> Manifest:
+    """Write the missing pieces of the records to the data set `folder`, and then remove those that repeat another.
 
-    Return id -> failure, and all repeats of the data set, name left out -> name kept. Pieces are compared within their
-    category, as `model.data.dedupe` compares objects; the earlier name stays.
+    Pieces are compared within their category, as `build` compares objects; the first id stays. Return the manifest of
+    the pieces of all meshes, stored beside them.
 
     Raises
     ------
     FileNotFoundError : `folder` holds no finished data set.
     """
-    seed = Manifest.read(folder).seed
-    (folder / PIECES).mkdir(exist_ok=True)
-    stored = folder / PIECES / REPEATS
-    repeats: dict[str, str] = json.loads(stored.read_text(encoding="utf-8")) if stored.is_file() else {}
-    jobs = [
-        MeshPieceJob(record, folder / PIECES / Path(object_file(record.id)).name, seed, views) for record in records
-    ]
-    missing = [job for job in jobs if job.target.stem not in repeats and not job.target.exists()]
+    seed, made = Manifest.read(folder).seed, folder / PIECES
+    made.mkdir(exist_ok=True)
+    earlier = Manifest.read(made) if (made / "manifest.json").is_file() else Manifest(seed, (), {}, {})
+    jobs = [MeshPieceJob(record, made / Path(object_file(record.id)).name, seed, views) for record in records]
+    missing = [job for job in jobs if job.record.id not in earlier.duplicates and not job.target.exists()]
     report = run_with_report(render_mesh_piece, missing, lambda job: job.record.id, processes, "make", "piece")
-    by_category: dict[str, list[Path]] = defaultdict(list)
+    jobs = [job for job in jobs if job.target.exists()]
+    repeats = earlier.duplicates | _repeats(jobs)
+    entries = {entry.id: entry for entry in earlier.entries}
     for job in jobs:
-        if job.target.exists():
-            by_category[job.record.category].append(job.target)
-    for files in tqdm(by_category.values(), desc="compare", unit="category"):
-        repeats |= duplicates({file.stem: _points(file) for file in files})
-    with whole_file(stored) as file:
-        file.write((json.dumps(repeats, indent=1, ensure_ascii=False) + "\n").encode())
-    for name in repeats:
-        (folder / PIECES / f"{name}.npz").unlink(missing_ok=True)
-    return report.failures, repeats
+        if job.record.id in repeats:
+            job.target.unlink()
+        elif job.record.id not in entries:
+            file = job.target.relative_to(folder).as_posix()
+            entries[job.record.id] = replace(entry_of(job.record, "train"), file=file)
+    manifest = Manifest(seed, tuple(entries[id_] for id_ in sorted(entries)), repeats, report.failures)
+    manifest.write(made / "manifest.json")
+    return manifest
+
+
+def _repeats(jobs: Iterable[MeshPieceJob]) -> dict[str, str]:
+    """Return the pieces that repeat another one of their category: id left out -> id kept."""
+    by_category: dict[str, dict[str, Path]] = defaultdict(dict)
+    for job in jobs:
+        by_category[job.record.category][job.record.id] = job.target
+    repeats: dict[str, str] = {}
+    for targets in tqdm(by_category.values(), desc="compare", unit="category"):
+        repeats |= duplicates({id_: _points(target) for id_, target in targets.items()})
+    return repeats
 
 
 def render_mesh_piece(job: MeshPieceJob) -> None:

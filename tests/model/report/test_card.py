@@ -30,6 +30,13 @@ def test_license_of_open_sources_names_each_with_its_license() -> None:
     )
 
 
+def test_license_of_pieces_of_meshes_is_named_too() -> None:
+    piece = Entry("p", "p", "infinigen", "chair", "someone", "BSD-3-Clause", "0", "made/p.npz", "train")
+    assert license_of(_manifest(("a", "kenney", "CC0")), [piece]) == (
+        "Apache-2.0; trained on meshes with attribution in NOTICE: infinigen (BSD-3-Clause), kenney (CC0)"
+    )
+
+
 @pytest.mark.parametrize(
     "license_",
     [

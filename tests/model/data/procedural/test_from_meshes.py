@@ -10,7 +10,7 @@ from model import cli
 from model.config import TrainConfig
 from model.data.build import build
 from model.data.dataset import load_examples
-from model.data.manifest import SIZE
+from model.data.manifest import SIZE, Manifest, piece_entries
 from model.data.rendering.render import SURFACE_POINTS
 from model.data.sources.meshes import folder_records
 from tests.support.small.shapes import solid, write_folder
@@ -26,11 +26,21 @@ def test_make_with_meshes_adds_each_shape_once(tmp_path: Path, capsys: pytest.Ca
     for name, index in (("a", 1), ("b", 1), ("c", 3)):  # b repeats a
         solid(index).export(meshes / f"{name}.glb")
     (meshes / "manifest.jsonl").write_text(
-        "".join(json.dumps({"file": f"{name}.glb", "category": "box"}) + "\n" for name in "abc")
+        "".join(
+            json.dumps({"file": f"{name}.glb", "category": "box", "license": "CC0", "author": "Ann"}) + "\n"
+            for name in "abc"
+        )
     )
     make = ["data", "make", "--data", str(data), "--meshes", str(meshes), "--views", str(VIEWS)]
     assert cli.main([*make, "--processes", "1"]) == 0
-    assert "0 failures, 1 duplicates" in capsys.readouterr().out
+    assert "2 pieces of meshes, 1 duplicates, 0 failures" in capsys.readouterr().out
+    assert Manifest.read(data / "made").duplicates == {"meshes/b": "meshes/a"}
+    assert [(entry.file, entry.split) for entry in piece_entries(data)] == [
+        ("made/meshes__a.npz", "train"),
+        ("made/meshes__c.npz", "train"),
+    ]
+    assert cli.main(["data", "notice", "--data", str(data)]) == 0
+    assert 'meshes: CC0\n\n    "a" by Ann\n    "c" by Ann\n' in capsys.readouterr().out
     files = sorted((data / "made").glob("*.npz"))
     assert [file.stem for file in files] == ["meshes__a", "meshes__c"]
     for file in files:
