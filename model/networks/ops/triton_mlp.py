@@ -62,15 +62,7 @@ def _three(pointer, group, index, limit):  # pragma: no cover
 
 
 @triton.jit
-def _store_three(
-    pointer,
-    group,
-    index,
-    limit,
-    first,
-    second,
-    third,
-):  # pragma: no cover
+def _store_three(pointer, group, index, limit, first, second, third):  # pragma: no cover
     """Store what `_three` loads."""
     start, real = pointer + group * 3 * limit + index, index < limit
     tl.store(start, first, mask=real)
@@ -79,18 +71,30 @@ def _store_three(
 
 
 @triton.jit
-def _points(
-    w,
-    b,
-    v,
-    c,
-    x,
-    y,
-    n,
-    h,
-    tile: tl.constexpr,
-    units: tl.constexpr,
-):  # pragma: no cover
+def _units(w, v, b, o, u, h):  # pragma: no cover
+    """Load the weights of the hidden units `u` of object `o`."""
+    w0, w1, w2 = _three(w, o, u, h)
+    v0, v1, v2 = _three(v, o, u, h)
+    bias = tl.load(b + o * h + u, mask=u < h, other=0.0)
+    return w0, w1, w2, v0, v1, v2, bias
+
+
+@triton.jit
+def _inputs(x0, x1, x2, w0, w1, w2, bias):  # pragma: no cover
+    """Return W x + b, (points, hidden units)."""
+    hidden = x0[:, None] * w0[None, :] + bias[None, :]
+    return x2[:, None] * w2[None, :] + (x1[:, None] * w1[None, :] + hidden)
+
+
+@triton.jit
+def _gradients(hidden, g0, g1, g2, v0, v1, v2):  # pragma: no cover
+    """Return the gradient of W x + b, which is `hidden`: (points, hidden units)."""
+    q = g0[:, None] * v0[None, :] + (g1[:, None] * v1[None, :] + g2[:, None] * v2[None, :])
+    return tl.where(hidden > 0.0, q, 0.0)
+
+
+@triton.jit
+def _points(w, b, v, c, x, y, n, h, tile: tl.constexpr, units: tl.constexpr):  # pragma: no cover
     """Compute `tile` points of one object."""
     o = tl.program_id(1)
     p = tl.program_id(0) * tile + tl.arange(0, tile)
@@ -99,11 +103,8 @@ def _points(
     y0, y1, y2 = zero, zero, zero
     for start in range(0, h, units):
         u = start + tl.arange(0, units)
-        w0, w1, w2 = _three(w, o, u, h)
-        v0, v1, v2 = _three(v, o, u, h)
-        bias = tl.load(b + o * h + u, mask=u < h, other=0.0)
-        hidden = x0[:, None] * w0[None, :] + bias[None, :]
-        hidden = x2[:, None] * w2[None, :] + (x1[:, None] * w1[None, :] + hidden)
+        w0, w1, w2, v0, v1, v2, bias = _units(w, v, b, o, u, h)
+        hidden = _inputs(x0, x1, x2, w0, w1, w2, bias)
         hidden = tl.maximum(hidden, 0.0)
         y0 += hidden * v0[None, :]
         y1 += hidden * v1[None, :]
@@ -113,36 +114,19 @@ def _points(
 
 
 @triton.jit
-def _weight_gradients(
-    w,
-    b,
-    v,
-    x,
-    g,
-    gw,
-    gb,
-    gv,
-    n,
-    h,
-    tile: tl.constexpr,
-    units: tl.constexpr,
-):  # pragma: no cover
+def _weight_gradients(w, b, v, x, g, gw, gb, gv, n, h, tile: tl.constexpr, units: tl.constexpr):  # pragma: no cover
     """Compute the gradients of `units` hidden units of one object, over all its points."""
     o = tl.program_id(1)
     u = tl.program_id(0) * units + tl.arange(0, units)
-    w0, w1, w2 = _three(w, o, u, h)
-    v0, v1, v2 = _three(v, o, u, h)
-    bias = tl.load(b + o * h + u, mask=u < h, other=0.0)
+    w0, w1, w2, v0, v1, v2, bias = _units(w, v, b, o, u, h)
     zero = tl.zeros((tile, units), tl.float32)
     r0, r1, r2, rb, s0, s1, s2 = zero, zero, zero, zero, zero, zero, zero
     for start in range(0, n, tile):
         p = start + tl.arange(0, tile)
         x0, x1, x2 = _three(x, o, p, n)
         g0, g1, g2 = _three(g, o, p, n)
-        hidden = x0[:, None] * w0[None, :] + bias[None, :]
-        hidden = x2[:, None] * w2[None, :] + (x1[:, None] * w1[None, :] + hidden)
-        q = g0[:, None] * v0[None, :] + (g1[:, None] * v1[None, :] + g2[:, None] * v2[None, :])
-        q = tl.where(hidden > 0.0, q, 0.0)
+        hidden = _inputs(x0, x1, x2, w0, w1, w2, bias)
+        q = _gradients(hidden, g0, g1, g2, v0, v1, v2)
         hidden = tl.maximum(hidden, 0.0)
         r0, r1, r2, rb = r0 + q * x0[:, None], r1 + q * x1[:, None], r2 + q * x2[:, None], rb + q
         s0, s1, s2 = s0 + hidden * g0[:, None], s1 + hidden * g1[:, None], s2 + hidden * g2[:, None]
@@ -152,18 +136,7 @@ def _weight_gradients(
 
 
 @triton.jit
-def _point_gradients(
-    w,
-    b,
-    v,
-    x,
-    g,
-    gx,
-    n,
-    h,
-    tile: tl.constexpr,
-    units: tl.constexpr,
-):  # pragma: no cover
+def _point_gradients(w, b, v, x, g, gx, n, h, tile: tl.constexpr, units: tl.constexpr):  # pragma: no cover
     """Compute the gradients of `tile` points of one object, over all hidden units."""
     o = tl.program_id(1)
     p = tl.program_id(0) * tile + tl.arange(0, tile)
@@ -173,12 +146,8 @@ def _point_gradients(
     d0, d1, d2 = zero, zero, zero
     for start in range(0, h, units):
         u = start + tl.arange(0, units)
-        w0, w1, w2 = _three(w, o, u, h)
-        v0, v1, v2 = _three(v, o, u, h)
-        bias = tl.load(b + o * h + u, mask=u < h, other=0.0)
-        hidden = x0[:, None] * w0[None, :] + bias[None, :]
-        hidden = x2[:, None] * w2[None, :] + (x1[:, None] * w1[None, :] + hidden)
-        q = g0[:, None] * v0[None, :] + (g1[:, None] * v1[None, :] + g2[:, None] * v2[None, :])
-        q = tl.where(hidden > 0.0, q, 0.0)
+        w0, w1, w2, v0, v1, v2, bias = _units(w, v, b, o, u, h)
+        hidden = _inputs(x0, x1, x2, w0, w1, w2, bias)
+        q = _gradients(hidden, g0, g1, g2, v0, v1, v2)
         d0, d1, d2 = d0 + q * w0[None, :], d1 + q * w1[None, :], d2 + q * w2[None, :]
     _store_three(gx, o, p, n, tl.sum(d0, 1), tl.sum(d1, 1), tl.sum(d2, 1))
