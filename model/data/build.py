@@ -62,10 +62,9 @@ def build(
         raise ValueError(_no_mesh(report.failures))
     files = {entry.id: out / entry.file for entry in kept} | {id_: job.target for id_, job in rendered.items()}
     repeats = duplicates(_read_clouds(files), first={entry.id for entry in kept})
-    fixed = {id_: split for id_ in rendered if split}
-    fixed |= {entry.id: entry.split for entry in earlier.entries} | dict(frozen or {})
-    splits = assign_splits([id_ for id_ in rendered if id_ not in repeats], seed, fixed)
-    new = [entry_of(rendered[id_].record, split_) for id_, split_ in splits.items()]
+    unique = [id_ for id_ in rendered if id_ not in repeats]
+    splits = assign_splits(unique, seed, _fixed_splits(unique, split, earlier, frozen or {}))
+    new = (entry_of(rendered[id_].record, split_) for id_, split_ in splits.items())
     entries = tuple(sorted([*kept, *new], key=lambda entry: entry.id))
     remarks = {**earlier.losses, **report.remarks}
     losses = {entry.id: remarks[entry.id] for entry in entries if entry.id in remarks}
@@ -77,6 +76,14 @@ def build(
 def _read_clouds(files: Mapping[str, Path]) -> dict[str, Array]:
     """Return the points of objects, by id."""
     return {id_: np.load(file)["points"] for id_, file in tqdm(files.items(), desc="read", unit="object")}
+
+
+def _fixed_splits(
+    ids: Iterable[str], split: Split | None, earlier: Manifest, frozen: Mapping[str, Split]
+) -> dict[str, Split]:
+    """Return the splits that are not drawn: of `frozen`, else of an earlier build, else `split`."""
+    fixed = {id_: split for id_ in ids if split}
+    return fixed | {entry.id: entry.split for entry in earlier.entries} | dict(frozen)
 
 
 def _no_mesh(failures: Mapping[str, str]) -> str:

@@ -45,7 +45,7 @@ class Key:
 
 
 class Keys:
-    """All keys of a keys file."""
+    """The keys of a keys file."""
 
     def __init__(self, keys: list[Key]) -> None:
         self._keys = keys

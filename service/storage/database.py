@@ -66,7 +66,7 @@ uses: Final = Table(
 
 @dataclass(frozen=True)
 class Address:
-    """Where a database is.
+    """Address of a database.
 
     Attributes
     ----------

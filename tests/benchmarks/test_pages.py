@@ -57,7 +57,7 @@ def test_speed_run_quick_writes_its_tables(tmp_path: Path) -> None:
     assert (tmp_path / "runtime.png").stat().st_size > 10_000
 
 
-@pytest.mark.server
+@pytest.mark.system
 def test_load_run_quick_writes_its_tables(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "benchmarks.load.run", "--quick", "-o", str(tmp_path)]
     run = subprocess.run(command, capture_output=True, text=True, timeout=RUN_TIMEOUT_S, check=False, cwd=ROOT)
@@ -69,6 +69,7 @@ def test_load_run_quick_writes_its_tables(tmp_path: Path) -> None:
         "| bare FastAPI |",
         "| ours, a repeated photo |",
         "## Faults",
+        "## Outages",
         "## Fuzzing",
     ):
         assert row in text

@@ -1,4 +1,4 @@
-"""Every call of both clients, against a running service."""
+"""Calls of both clients, each against a running service."""
 
 from pathlib import Path
 

@@ -77,7 +77,7 @@ def _textured(rgb: Tensor, share: float, textures: Pictures) -> Tensor:
 
 
 def _toned(image: Tensor, light: Light) -> Tensor:
-    """Saturation (none in the share of grey images) and a tone curve; white stays white, black black."""
+    """Change saturation (to none in the share of gray images) and apply a tone curve that keeps black and white."""
     b, device = len(image), image.device
     saturation = _uniform(light.saturation, (b, 1, 1, 1), device) * ~_chance(light.gray_share, b, device)
     toned = torch.lerp(image.mean(dim=1, keepdim=True), image, saturation).clamp(0, 1)

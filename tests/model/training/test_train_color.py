@@ -88,8 +88,8 @@ def test_learner_lowers_the_loss_and_keeps_the_encoder(run: Path, data: Path) ->
 def test_train_color_on_the_device_from_shards_writes_the_head(run: Path, data: Path, tmp_path: Path) -> None:
     packed = tmp_path / "packed"
     pack([data], packed, PackOptions(CONFIG.framing, variants=False, made=False), processes=1)
-    asked = ["color", "--run", str(run), "--packed", str(packed), "--device", "cpu", "--workers", "1"]
-    assert cli.main([*asked, "--minutes", "0.02", "--points", "32", "--target-points", "100"]) == 0
+    command = ["color", "--run", str(run), "--packed", str(packed), "--device", "cpu", "--workers", "1"]
+    assert cli.main([*command, "--minutes", "0.02", "--points", "32", "--target-points", "100"]) == 0
     encoder = load_encoder(run / "last.pt")[0]
     trained = load(run, encoder, CONFIG.spec)
     assert trained is not None

@@ -60,7 +60,7 @@ def _layers(layers: type[torch.autograd.Function], arguments: list[Tensor]) -> l
 
 
 def _loss_differences(device: torch.device) -> Iterator[tuple[str, float, float]]:
-    """Both losses through f^2 and their gradients by theta, against the CPU loop's operations."""
+    """Yield how both losses through f^2, and their gradients by theta, differ from the CPU loop's operations."""
     spec = HOF_1.with_k(2)
     theta = torch.from_numpy(initial_theta(spec)) + 0.05 * torch.randn(OBJECTS, spec.size)
     canonical, true = torch.rand(OBJECTS, 1_536, 3) * 2 - 1, torch.rand(OBJECTS, 10_000, 3) - 0.5

@@ -24,14 +24,14 @@ def textured(folder: Path, pbr: dict[str, Any], **changes: Any) -> Path:  # noqa
     write_image(folder / "gray.png", (128, 128, 128))
     image = {"uri": data_uri((folder / "gray.png").read_bytes()), "name": "gray"}
     corners = len(box(0).vertices)
-    given = {
+    document = {
         "material": {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, **pbr}},
         "textures": [{"source": 0}],
         "images": [image],
         "uv": np.tile([0.25, 0.1], (corners, 1)),
         **changes,
     }
-    write_gltf(folder / "box.gltf", 0, **given)
+    write_gltf(folder / "box.gltf", 0, **document)
     return folder / "box.gltf"
 
 
