@@ -38,7 +38,9 @@ def add_stages(stages: "argparse._SubParsersAction[argparse.ArgumentParser]") ->
     stage = stages.add_parser("retrain", help="train and measure the methods of the comparison; resumable")
     stage.set_defaults(run=_retrain)
     add_data(stage)
-    stage.add_argument("methods", nargs="*", metavar="METHOD", help="of model/evaluation/compared.py; default: all")
+    stage.add_argument(
+        "methods", nargs="*", metavar="METHOD", help="methods of model/evaluation/compared.py to train; default: all"
+    )
     add_flags(stage, COMPARED_RUN, only=RETRAIN_FLAGS)
     add_flags(stage.add_argument_group("device"), DeviceOptions(), only=PLACE_FLAGS)
     stage.add_argument(
