@@ -65,6 +65,6 @@ def _python() -> str:
 
 
 def _run(command: list[str | Path]) -> None:
-    done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603 - pip and venv
-    if done.returncode:
-        raise ChildProcessError(f"{' '.join(map(str, command[:4]))} failed: {done.stderr.strip()}")
+    result = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603 - pip and venv
+    if result.returncode:
+        raise ChildProcessError(f"{' '.join(map(str, command[:4]))} failed: {result.stderr.strip()}")

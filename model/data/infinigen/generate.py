@@ -22,7 +22,7 @@ PER_WORKER: Final = 40  # objects after which a worker is replaced: its memory g
 PATIENCE: Final = 10  # seconds by the clock per second of processor time that an object may take
 MOST_IN_A_ROW: Final = 12  # failures: more mean that the environment is at fault, not the objects
 LEAST_FREE_BYTES: Final = 500_000_000
-LISTED: Final = {
+CREDITS: Final = {
     "source": "Infinigen",
     "author": "Infinigen, Princeton University",
     "license": "BSD-3-Clause",
@@ -33,7 +33,8 @@ LISTED: Final = {
 def generate(folder: Path, count: int, command: Sequence[str | Path], limit_s: int, processes: int) -> dict[str, str]:
     """Make the missing ones of `count` meshes, list all in the folder, and return name -> failure, of all runs.
 
-    A mesh is named after its number and kind; equal numbers give equal objects.
+    A mesh is named after its number and kind. Equal numbers give equal shapes; Blender's threads decide the order of
+    vertices and their last digits.
 
     Parameters
     ----------
@@ -79,8 +80,8 @@ class _Run:
     def missing(self, count: int) -> list[int]:
         """Return the numbers below `count` that were neither made nor failed."""
         names = [*self.failures, *(path.name for path in self._folder.glob("*.glb"))]
-        done = {int(name.split("-")[0]) for name in names}
-        return [number for number in range(count) if number not in done]
+        finished = {int(name.split("-")[0]) for name in names}
+        return [number for number in range(count) if number not in finished]
 
     def stop(self) -> None:
         """Make no more objects than those under way."""
@@ -145,7 +146,7 @@ def write_list(folder: Path) -> None:
     with whole_file(folder / LIST) as file:
         for path in sorted(folder.glob("*.glb")):
             kind = path.stem.split("-", 1)[1]
-            line = {"file": path.name, "title": kind, "category": kind, "front": fronts.get(kind, "z"), **LISTED}
+            line = {"file": path.name, "title": kind, "category": kind, "front": fronts.get(kind, "z"), **CREDITS}
             file.write((json.dumps(line) + "\n").encode())
 
 

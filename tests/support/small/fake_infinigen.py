@@ -1,7 +1,7 @@
-"""A worker as `model.data.infinigen.worker`, without Blender: a program that does as it is told, by object.
+"""A program that answers as `model.data.infinigen.worker` does, without Blender, and misbehaves on demand.
 
-Arguments: a JSON file, object's number -> behavior, "start" -> behavior at the start; and a file that gets a line per
-start.
+Arguments: a JSON file, object's number -> behavior and "start" -> behavior at the start, "all" -> behavior at all
+other objects; and a file that gets the process id of each start.
 """
 
 import json
@@ -13,17 +13,17 @@ import time
 from pathlib import Path
 
 
-def main(behaviors: Path, starts: Path) -> None:
+def main(plan: Path, starts: Path) -> None:
     """Answer requests as `model.data.infinigen.worker` does."""
-    told = json.loads(behaviors.read_text())
+    behaviors = json.loads(plan.read_text())
     with starts.open("a") as file:
         file.write(f"{os.getpid()}\n")
-    if told.get("start") == "fail":
+    if behaviors.get("start") == "fail":
         sys.exit("no module named bpy")
     print(json.dumps({"ready": True}), flush=True)
     for line in sys.stdin:
         request = json.loads(line)
-        answer = _behave(told.get(str(request["seed"])), request["limit_s"])
+        answer = _behave(behaviors.get(str(request["seed"]), behaviors.get("all")), request["limit_s"])
         if not answer:
             Path(request["file"]).write_bytes(b"glTF")
             answer = json.dumps({"triangles": 12})
@@ -38,6 +38,8 @@ def _behave(behavior: str | None, limit_s: int) -> str | None:
             pass
     if behavior == "sleep":
         time.sleep(600)
+    if behavior == "slow":
+        time.sleep(0.2)
     if behavior == "crash":
         os.kill(os.getpid(), signal.SIGSEGV)
     return {
