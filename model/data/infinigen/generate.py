@@ -90,6 +90,7 @@ class _Run:
     def make_part(self, numbers: Sequence[int], bar: tqdm) -> None:
         """Make objects with one worker, and another one where it is lost."""
         rest = deque(numbers)
+        write_list(self._folder)  # what a run that was killed left is usable too
         while rest and not self._stopped.is_set():
             with Worker(self._command) as worker:
                 is_lost = False

@@ -34,6 +34,8 @@ MOST_TRIANGLES: Final = 40_000
 LEAST_TRIANGLES: Final = 10_000  # coarser meshes are subdivided: vertex colors have to carry the pattern
 DIVISIONS: Final = 4  # at most; each makes four triangles of one
 SHARP: Final = math.radians(35)  # between faces: such edges are not shaded smooth
+BLACK: Final = 0.02  # least share of light that a real surface reflects
+LONGEST_M: Final = 20.0  # longer objects have vertices gone astray
 DARK: Final = 1e-3  # base colors all below it were not baked
 UNBAKED: Final = {"Metallic": 0.0, "Transmission Weight": 0.0}  # metal and glass have no diffuse color to bake,
 SHINING: Final = (  # nor have these nodes
@@ -51,7 +53,7 @@ def make(factory: str, seed: int, file: Path) -> int:
 
     Raises
     ------
-    RuntimeError : the factory made no mesh, or one without color.
+    RuntimeError : the factory made no mesh, one without color, or a broken one.
     """
     bpy.ops.wm.read_factory_settings(use_empty=True)
     random.seed(seed)
@@ -61,6 +63,10 @@ def make(factory: str, seed: int, file: Path) -> int:
     vertices, triangles, colors = _arrays(mesh)
     if colors.max() <= DARK:
         raise RuntimeError("the object has no base color")
+    longest_m = float(np.ptp(vertices, axis=0).max())
+    if not longest_m <= LONGEST_M:  # NaN included
+        raise RuntimeError(f"the object is {longest_m:.0f} m long")
+    colors = (colors.clip(BLACK, 1) * 255).round().astype(np.uint8)
     painted = trimesh.Trimesh(vertices, triangles, vertex_colors=colors, process=False)
     part = file.with_suffix(".part")
     part.write_bytes(painted.export(file_type="glb"))
@@ -174,7 +180,7 @@ def _make_diffuse(tree: Any, node: Any) -> None:  # noqa: ANN401
         tree.links.new(diffuse.outputs[0], link.to_socket)
 
 
-def _arrays(mesh: Any) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int32], npt.NDArray[np.uint8]]:  # noqa: ANN401
+def _arrays(mesh: Any) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int32], npt.NDArray[np.float32]]:  # noqa: ANN401
     """Return vertices (n, 3), Y up, triangles (m, 3), and linear vertex colors (n, 3)."""
     data = mesh.data
     vertices = np.zeros((len(data.vertices), 3), np.float32)
@@ -186,8 +192,7 @@ def _arrays(mesh: Any) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int32], 
     data.loop_triangles.foreach_get("vertices", triangles.ravel())
     colors = np.zeros((len(data.vertices), 4), np.float32)
     data.color_attributes["base"].data.foreach_get("color", colors.ravel())
-    linear = (colors[:, :3].clip(0, 1) * 255).round().astype(np.uint8)
-    return placed[:, [0, 2, 1]] * np.array([1, 1, -1], np.float32), triangles, linear
+    return placed[:, [0, 2, 1]] * np.array([1, 1, -1], np.float32), triangles, colors[:, :3]
 
 
 def serve(requests: IO[str], answers: IO[str]) -> None:
