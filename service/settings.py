@@ -153,6 +153,11 @@ class Settings(BaseSettings):
     max_upload_bytes: int = Field(
         default=128 * MIB, ge=1, description="maximum bytes of all request bodies being received; above this, 429"
     )
+    max_answer_bytes: int = Field(
+        default=64 * MIB,
+        ge=1,
+        description="maximum bytes of answers complete in memory and not yet taken; above this, 429",
+    )
     client_timeout_s: float = Field(
         default=30.0, gt=0, description="maximum seconds that a client may stop sending or receiving"
     )

@@ -21,7 +21,8 @@ from service.api.middleware.access import Access
 from service.api.middleware.foreign_pages import RefuseForeignPages
 from service.api.middleware.head import HeadAsGet
 from service.api.middleware.observe import Observe, Templates
-from service.api.middleware.query import RefuseRepeatedParameters
+from service.api.middleware.pieces import SendInPieces
+from service.api.middleware.query import CheckQuery
 from service.api.middleware.security_headers import SecurityHeaders, with_cors
 from service.api.middleware.slow_clients import SlowClientTimeout
 from service.api.openapi import openapi_text
@@ -105,7 +106,8 @@ def create_app(settings: Settings) -> FastAPI:
     app.state.gates = Gates.of(settings)
     app.state.runtime = None
     problems.install(app)
-    app.add_middleware(RefuseRepeatedParameters)
+    app.add_middleware(SendInPieces, gate=app.state.gates.answers)
+    app.add_middleware(CheckQuery)
     app.add_middleware(HeadAsGet)
     app.add_middleware(SlowClientTimeout, seconds=settings.client_timeout_s)
     for router in ROUTERS:

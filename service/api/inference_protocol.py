@@ -7,10 +7,11 @@ gives the length of the JSON. https://github.com/kserve/open-inference-protocol
 import json
 import math
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from typing import Annotated, Any, Final, Literal, NamedTuple
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, FailFast, Field, ValidationError
 from pydantic_core import from_json
 
 from service.api.problems import field_errors
@@ -23,6 +24,8 @@ EXTENSION: Final = "binary_tensor_data"
 HEADER_LENGTH: Final = "Inference-Header-Content-Length"
 JSON_NUMBER_BYTES: Final = 24  # a number and its comma: a double has 17 digits, a point, an exponent
 JSON_OVERHEAD_BYTES: Final = 16_384  # everything but the numbers
+OUT_OF_RANGE: Final = "inputs[0]: its numbers must be finite and lie in [0, 1]"
+MAX_MEMBERS: Final = 1_024  # members of all objects in the JSON, and its lists and elements beside the numbers
 
 CHANNELS: Final = (
     "Channels are red, green, blue, each a plane of rows from the top; sRGB levels divided by 255, so 0 to 1. The "
@@ -45,7 +48,7 @@ class Input(_Part):
     """The input tensor: the images."""
 
     name: Literal["image"]
-    shape: list[int] = Field(description="(b, 3, size, size); `/v2/models/{name}` has the size")
+    shape: Annotated[list[int], FailFast()] = Field(description="(b, 3, size, size); `/v2/models/{name}` has the size")
     datatype: Literal["FP32"]
     parameters: InputParameters = InputParameters()
     data: list[Any] | None = Field(default=None, description=f"flat or nested. {CHANNELS}")
@@ -172,14 +175,17 @@ def parse(body: bytes, header_length: str | None, encoder: Encoder) -> Inference
 
     Raises
     ------
-    InvalidInput : the body is not JSON, or shorter than `header_length`.
-    InvalidParameter : a member is missing, unknown or wrong, or the images do not fit the encoder.
+    InvalidInput : the body is not JSON, or shorter than `header_length`, or has more lists than images can have.
+    InvalidParameter : a member is missing, unknown or wrong, or the images do not fit the encoder, or there are more
+        elements than MAX_BATCH images have.
     """
     length = len(body) if header_length is None else _length(header_length, len(body))
+    text = body[:length]
+    _check_counts(text, encoder.framing.size)
     try:
-        request = InferenceRequest.model_validate(from_json(body[:length], allow_inf_nan=False))
+        request = InferenceRequest.model_validate(from_json(text, allow_inf_nan=False))
     except ValidationError as error:
-        first = field_errors(error.errors())[0]
+        first = field_errors(error.errors(include_url=False, include_context=False, include_input=False))[0]
         raise InvalidParameter(f"{first.field or 'the body'}: {first.message}", field=first.field or None) from error
     except ValueError as error:
         raise InvalidInput("the body is not JSON") from error
@@ -228,6 +234,26 @@ def request_schema() -> Mapping[str, Any]:
     return inlined_schema
 
 
+def _check_counts(text: bytes, size: int) -> None:
+    """Bound what parsing the JSON can make, before it is parsed: each element takes ten times its bytes and more.
+
+    Characters are counted, those in strings too, of which a request needs few.
+
+    Raises
+    ------
+    InvalidInput : more lists than MAX_BATCH nested images have.
+    InvalidParameter : more elements, or more members.
+    """
+    numbers, lists = MAX_BATCH * 3 * size**2, MAX_BATCH * 3 * (size + 2)
+    if text.count(b",") > numbers + MAX_MEMBERS:
+        detail = f"the JSON has more elements than {MAX_BATCH} images, which have {numbers} numbers"
+        raise InvalidParameter(detail, field="inputs[0].data")
+    if text.count(b":") > MAX_MEMBERS:
+        raise InvalidParameter(f"the JSON has more than {MAX_MEMBERS} members: leave out those that are unknown")
+    if text.count(b"[") > lists + MAX_MEMBERS:
+        raise InvalidInput(f"the JSON has more than {lists + MAX_MEMBERS} lists, more than {MAX_BATCH} images can have")
+
+
 def _length(text: str, limit: int) -> int:
     if not (text.isascii() and text.isdecimal() and len(text) < 20 and int(text) <= limit):
         raise InvalidInput(f"{HEADER_LENGTH}: it must be at most the body's {limit} bytes", field=HEADER_LENGTH)
@@ -256,20 +282,31 @@ def _images(tensor: Input, binary: bytes, size: int) -> Array:
     if binary:
         raise InvalidParameter(f"{len(binary)} bytes after the JSON belong to no input", field="inputs[0].parameters")
     if not ((images >= 0) & (images <= 1)).all():  # NaN is neither
-        raise InvalidParameter("inputs[0]: its numbers must be finite and lie in [0, 1]", field="inputs[0].data")
+        raise InvalidParameter(OUT_OF_RANGE, field="inputs[0].data")
     return images.astype(np.float32, copy=False)
 
 
-def _from_json(data: list[Any], shape: list[int]) -> np.ndarray[Any, np.dtype[Any]]:
-    """Return a flat or nested list as an array of a shape. Raises InvalidParameter."""
-    try:
-        numbers = np.asarray(data)
-    except ValueError:  # ragged
-        numbers = np.empty(0)
-    if numbers.dtype.kind not in "iuf" or numbers.shape not in ((math.prod(shape),), tuple(shape)):
-        detail = f"inputs[0].data: it must be {math.prod(shape)} numbers, flat or nested as its shape"
-        raise InvalidParameter(detail, field="inputs[0].data")
-    return numbers.reshape(shape)
+def _from_json(data: list[Any], shape: list[int]) -> Array:
+    """Return a flat or nested list as an array of a shape. Raises InvalidParameter.
+
+    Numbers and types are checked in Python: NumPy would make an array of anything, such as of the longest string's
+    size for each element.
+    """
+    numbers = data
+    for length in shape[1:] if data and isinstance(data[0], list) else ():
+        if not all(type(row) is list and len(row) == length for row in numbers):
+            raise _not_numbers(shape)
+        numbers = list(chain.from_iterable(numbers))
+    if len(numbers) != math.prod(shape) or not set(map(type, numbers)) <= {int, float}:  # `bool` is not `int` here
+        raise _not_numbers(shape)
+    if min(numbers) < 0 or max(numbers) > 1:  # before NumPy, for which an integer may be too large
+        raise InvalidParameter(OUT_OF_RANGE, field="inputs[0].data")
+    return np.array(numbers, np.float32).reshape(shape)
+
+
+def _not_numbers(shape: list[int]) -> InvalidParameter:
+    detail = f"inputs[0].data: it must be {math.prod(shape)} numbers, flat or nested as its shape"
+    return InvalidParameter(detail, field="inputs[0].data")
 
 
 def _stacked(name: str, functions: Sequence[Functions]) -> Array:

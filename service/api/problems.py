@@ -26,6 +26,9 @@ HEADERS: Final = {
     413: {"Connection": "close"},  # the rest of the body is unread: the connection cannot be used again
     500: {"Connection": "close"},  # the server logs the fault and closes
 }
+MAX_ERRORS: Final = 16  # errors that an answer reports; a request may have thousands
+MAX_FIELD: Final = 64  # characters of a field's name, which may be the client's
+MAX_DETAIL: Final = 1_000  # characters of an error's text, which may repeat a name from a client's file
 INTERNAL_DETAIL: Final = "the service failed to answer this request; the fault is in its log"
 
 
@@ -40,13 +43,13 @@ def install(app: FastAPI) -> None:
 
 
 def field_errors(errors: Sequence[Mapping[str, Any]]) -> list[FieldError]:
-    """Return pydantic's errors as (field, message) pairs. Unlike pydantic's own, they never repeat the input."""
+    """Return pydantic's errors, at most `MAX_ERRORS`, as (field, message) pairs; unlike its own, without the input."""
     return [
         FieldError(
-            field=_path([part for part in error["loc"] if part not in ("query", "path", "body")])[:64],
+            field=_path([part for part in error["loc"] if part not in ("query", "path", "body")])[:MAX_FIELD],
             message="unknown parameter" if error["type"] == "extra_forbidden" else error["msg"],
         )
-        for error in errors
+        for error in errors[:MAX_ERRORS]
     ]
 
 
@@ -57,7 +60,8 @@ def _path(parts: Sequence[str | int]) -> str:
 
 def respond(error: HofError) -> Response:
     """Return the answer for one of our errors."""
-    body = _body(error.title, error.status, error.detail, error.field)
+    field = error.field[:MAX_FIELD] if error.field else None
+    body = _body(error.title, error.status, error.detail[:MAX_DETAIL], field)
     headers = {"Retry-After": str(error.retry_after_s)} if isinstance(error, TryLater) else HEADERS.get(error.status)
     return Response(body, error.status, headers, MEDIA_TYPE)
 
@@ -89,8 +93,11 @@ async def _domain(request: Request, error: HofError) -> Response:
 
 
 async def _validation(request: Request, error: RequestValidationError) -> Response:
-    errors = field_errors(error.errors())
+    every = error.errors()
+    errors = field_errors(every)
     detail = "; ".join(f"{item.field}: {item.message}" for item in errors)
+    if len(every) > len(errors):
+        detail += f"; and {len(every) - len(errors)} more"
     title = InvalidParameter.title
     return _respond(
         Problem(type=problem_type(title), title=title, status=InvalidParameter.status, detail=detail, errors=errors)

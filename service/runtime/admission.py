@@ -134,11 +134,13 @@ class Gates:
     points : points being computed or sent, weighted by the size of their function; a stream counts its in-flight
         points only.
     uploads : bytes of request bodies that have arrived.
+    answers : bytes of answers that are complete in memory and that their clients have not taken yet.
     """
 
     images: Gate
     points: Gate
     uploads: Gate
+    answers: Gate
 
     @classmethod
     def of(cls, settings: Settings) -> "Gates":
@@ -147,4 +149,5 @@ class Gates:
             Gate("images at a time", settings.max_queued_images),
             Gate("points at a time", settings.max_points_in_flight),
             Gate("bytes of request bodies at a time", settings.max_upload_bytes),
+            Gate("bytes of answers at a time", settings.max_answer_bytes),
         )

@@ -4,7 +4,7 @@ A word of a k-mapping names k objects of one spec. ``("A", "B")`` is f_A(f_B(x))
 """
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from typing import Final, Literal
@@ -93,18 +93,26 @@ def check_records(records: Sequence[Record], mode: Mode) -> None:
         )
 
 
-def propose(members: Sequence[tuple[Record, Functions]], mode: Mode) -> list[Proposal]:
-    """Return the objects that a request makes of stored ones; `all` orders them AA, AB, BA, BB.
+def propose(records: Sequence[Record], mode: Mode) -> list[Record]:
+    """Return the records of the objects that a request makes of stored ones; `all` orders them AA, AB, BA, BB.
 
     Parameters
     ----------
-    members : the stored objects, in the order of the request, with their functions; checked by `check_records`.
+    records : the stored objects, in the order of the request; checked by `check_records`.
     """
     if mode == "interpolate":
-        return [_interpolated(members)]
+        return [_record("interpolated", records)]
     if mode == "compose":
-        return [_composed(members)]
-    return [_composed(word) for word in itertools.product(members, repeat=members[0][0].spec.k)]
+        return [_record("composed", records)]
+    return [_record("composed", word) for word in itertools.product(records, repeat=records[0].spec.k)]
+
+
+def with_functions(record: Record, members: Mapping[str, Functions]) -> Proposal:
+    """Return a proposed object with its functions, made of those of its members, by their ids."""
+    functions = tuple(members[object_id] for object_id in record.members)
+    if record.kind == "composed":
+        return Proposal(record, None, functions)
+    return Proposal(record, _mean_of(functions))
 
 
 def examined(proposals: Sequence[Proposal]) -> list[Proposal]:
@@ -123,18 +131,10 @@ def examined(proposals: Sequence[Proposal]) -> list[Proposal]:
     return measured
 
 
-def _composed(word: Sequence[tuple[Record, Functions]]) -> Proposal:
-    functions = tuple(each for _, each in word)
-    return Proposal(_record("composed", word), None, functions)
-
-
-def _interpolated(parents: Sequence[tuple[Record, Functions]]) -> Proposal:
+def _mean_of(parents: Sequence[Functions]) -> Functions:
     """Average thetas, the paper's baseline for composition ("Object Interpolation"), and colors."""
-    every = joined([each for _, each in parents])
-    functions = Functions(
-        _mean(every.theta), Color(every.color.spec, _mean(every.color.weights)) if every.color else None
-    )
-    return Proposal(_record("interpolated", parents), functions)
+    every = joined(parents)
+    return Functions(_mean(every.theta), Color(every.color.spec, _mean(every.color.weights)) if every.color else None)
 
 
 def _mean(rows: Array) -> Array:
@@ -142,13 +142,13 @@ def _mean(rows: Array) -> Array:
     return mean
 
 
-def _record(kind: Literal["composed", "interpolated"], members: Sequence[tuple[Record, Functions]]) -> Record:
+def _record(kind: Literal["composed", "interpolated"], members: Sequence[Record]) -> Record:
     """Return the record of a new object. Its model names the models of its members, cut to what a file can carry."""
-    ids = tuple(record.id for record, _ in members)
+    ids = tuple(record.id for record in members)
     id_ = composed_id(ids) if kind == "composed" else interpolated_id(ids)
-    model = " + ".join(dict.fromkeys(record.model for record, _ in members))[:MAX_LABEL]
-    color_spec = next((record.color_spec for record, _ in members if record.color_spec), None)
-    return Record(id_, kind, model, members[0][0].spec, datetime.now(UTC), ids, color_spec)
+    model = " + ".join(dict.fromkeys(record.model for record in members))[:MAX_LABEL]
+    color_spec = next((record.color_spec for record in members if record.color_spec), None)
+    return Record(id_, kind, model, members[0].spec, datetime.now(UTC), ids, color_spec)
 
 
 def _check_equal(name: str, spec: MappingSpec, first_name: str, first: MappingSpec, whose: str) -> None:

@@ -1,30 +1,84 @@
-"""The cost of a cloud: what a request is charged for, and the limits it has to keep."""
+"""The cost of a cloud: what a request is charged for, and the limits it has to keep.
 
+The cost of a point is its time in times of a point of the default model. The time is modeled by counts: of layers,
+because each takes a few calls of NumPy for a tile of points, and of weights and hidden units, because each is an
+operation. `python -m benchmarks.speed.costs` measures it for many shapes, and fits the prices.
+"""
+
+from collections import Counter
+from collections.abc import Iterable
 from typing import Final
 
 from service.errors import InvalidParameter
 from service.formats.points.registry import PointFormat
 from service.mapping.cloud import FIRST_PART, PART
-from service.mapping.spec import HOF_1, Functions, MappingSpec
+from service.mapping.spec import HOF_1, MappingSpec
+from service.storage.store import Record
 
-UNIT: Final = 2 * HOF_1.size  # numbers that a point of the default model is multiplied with: its cost is 1
+WIDE: Final = 256  # units of a layer; the values of more do not stay in the L2 cache, for a tile of points
+HUGE: Final = 8_192  # units of a layer; the values of more stay in no cache
 CHEAP: Final = 16  # costs up to which a cloud may have as many points as the service allows at all
+PRICES_NS: Final = {  # as fitted, to two digits
+    "point": 22.0,
+    "folded layer": 4.1,
+    "folded unit": 0.034,
+    "layer": 3.9,
+    "weight": 0.0134,
+    "unit": 0.21,
+    "wide unit": 0.87,
+    "huge unit": 2.3,
+    "tanh": 0.16,
+}
 
 
-def cost_of(spec: MappingSpec, *functions: Functions) -> int:
+def counts_of(spec: MappingSpec, colors: Iterable[MappingSpec] = ()) -> Counter[str]:
+    """Count the operations for one point, by their names in `PRICES_NS`; for `colors` see `cost_of`."""
+    counts = Counter({"point": 1})
+    for function, times in ((spec, spec.k), *((color, color.k) for color in colors)):
+        if function.is_one_relu_layer:
+            counts["folded layer"] += times * len(function.shapes)
+            counts["folded unit"] += times * sum(function.hidden)
+            continue
+        counts["layer"] += times * len(function.shapes)
+        counts["weight"] += times * sum(n_out * n_in for n_out, n_in in function.shapes)
+        counts["unit"] += times * sum(function.hidden)
+        counts["wide unit"] += times * sum(max(0, width - WIDE) for width in function.hidden)
+        counts["huge unit"] += times * sum(max(0, width - HUGE) for width in function.hidden)
+        counts["tanh"] += times * sum(function.hidden) * (function.activation == "tanh")
+    return counts
+
+
+def cost_of(spec: MappingSpec, colors: Iterable[MappingSpec] = ()) -> int:
     """Return the cost of one point of an object, in points of the default model, at least 1.
 
-    It includes the colors of all functions.
+    Parameters
+    ----------
+    colors : the spec of each of the object's color functions; a word has as many as it has colored objects.
     """
-    colors = sum(each.color.weights.size for each in functions if each.color)
-    return max(1, (spec.k * spec.size + colors) // UNIT)
+    return max(1, round(_ns(spec, colors) / DEFAULT_NS))
+
+
+def cost_of_object(record: Record, *, in_color: bool = True) -> int:
+    """Return the cost of one point of a stored object, without reading its functions: see `cost_of`.
+
+    Each function of a word counts as colored if one of them is.
+    """
+    colors = [record.color_spec] if in_color and record.color_spec else []
+    return cost_of(record.spec, colors * (len(record.members) if record.kind == "composed" else 1))
+
+
+def _ns(spec: MappingSpec, colors: Iterable[MappingSpec] = ()) -> float:
+    return sum(PRICES_NS[name] * count for name, count in counts_of(spec, colors).items())
+
+
+DEFAULT_NS: Final = _ns(HOF_1.with_k(2))
 
 
 def check_cost(n: int, cost: int, max_points: int, field: str) -> None:
     """Raise InvalidParameter if n points of a function of this cost would take too long."""
     most = max_points * CHEAP // cost
     if n > most:
-        detail = f"{field} asks for {n} points, the limit for a function as large as this object's is {most}"
+        detail = f"{field} asks for {n} points, the limit for a function as costly as this object's is {most}"
         raise InvalidParameter(detail, field=field)
 
 

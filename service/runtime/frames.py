@@ -11,12 +11,15 @@ from service.runtime.parts import Runtime
 from service.storage.rows import Record
 
 
-async def completed(runtime: Runtime, record: Record, image: ImageReport | None = None) -> tuple[Record, Frame]:
+async def completed(
+    runtime: Runtime, record: Record, image: ImageReport | None = None, *, client: str | None = None
+) -> tuple[Record, Frame]:
     """Return the record with its frame, and the frame; measure and keep what the record lacks.
 
     Parameters
     ----------
     image : report on the object's photo, if the caller has it.
+    client : address that the measuring counts for: see `Gate`.
 
     Raises
     ------
@@ -28,7 +31,7 @@ async def completed(runtime: Runtime, record: Record, image: ImageReport | None 
         return record, record.frame
     frame = record.frame
     if frame is None:
-        with runtime.gates.points.admit(PROBE_POINTS * cost_of(record.spec)):
+        with runtime.gates.points.admit(PROBE_POINTS * cost_of(record.spec), client):
             _, functions = await runtime.store.get(record.id)
             frame = await runtime.run(measure, record.spec, functions.theta)
     try:

@@ -11,13 +11,14 @@ from typing import Any, Final, NoReturn, cast
 import httptools
 from starlette.datastructures import MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
-from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol, RequestResponseCycle
+from uvicorn.protocols.http.httptools_impl import STATUS_LINE, RequestResponseCycle
 
 from service.api.context import note_refusal
 from service.api.middleware.security_headers import SECURE
 from service.api.problems import respond
 from service.errors import HeadTooLarge, HofError, InvalidInput, Stalled
 from service.server.http_head import check_framing, check_host, check_version, combine, without_upgrade
+from service.server.unread_answers import UnreadAnswerTimeout
 
 logger: Final = logging.getLogger("hof.access")
 
@@ -28,13 +29,16 @@ FREE_CHUNKS: Final = 256  # that may be smaller
 MAX_FRAMING_BYTES: Final = 2 * MAX_HEAD_BYTES  # chunk sizes, extensions and trailers, besides an eighth of the body
 
 
-def http_protocol(head_timeout_s: float) -> type[asyncio.Protocol]:
-    """Return the protocol factory for uvicorn's setting `http`; a head must be complete after `head_timeout_s`."""
-    factory = partial(LimitedHttpProtocol, head_timeout_s=head_timeout_s)  # a partial can be pickled
+def http_protocol(client_timeout_s: float) -> type[asyncio.Protocol]:
+    """Return the protocol factory for uvicorn's setting `http`.
+
+    A head must be complete after `client_timeout_s`, and an answer be taken on within it.
+    """
+    factory = partial(LimitedHttpProtocol, client_timeout_s=client_timeout_s)  # a partial can be pickled
     return cast(type[asyncio.Protocol], factory)
 
 
-class LimitedHttpProtocol(HttpToolsProtocol):
+class LimitedHttpProtocol(UnreadAnswerTimeout):
     """One connection. Too large a head is a 431, too slow a head a 408, and anything but HTTP a 400.
 
     Each of these is a problem document and ends the connection. A client that connects and sends nothing is
@@ -49,9 +53,9 @@ class LimitedHttpProtocol(HttpToolsProtocol):
     leaves is always noticed.
     """
 
-    def __init__(self, *args: Any, head_timeout_s: float, **options: Any) -> None:  # noqa: ANN401 - as uvicorn calls it
-        super().__init__(*args, **options)
-        self._head_timeout_s = head_timeout_s
+    def __init__(self, *args: Any, client_timeout_s: float, **options: Any) -> None:  # noqa: ANN401 - as uvicorn calls it
+        super().__init__(*args, unread_timeout_s=client_timeout_s, **options)
+        self._client_timeout_s = client_timeout_s
         self._timer: asyncio.TimerHandle | None = None  # runs until the head is complete
         self._head_has_begun = False  # the head that the timer waits for has a first byte
         self._head_bytes = 0  # of this request, trailers included
@@ -189,7 +193,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
             self._fail(_too_large())
 
     def _start_timer(self) -> None:
-        self._timer = self.loop.call_later(self._head_timeout_s, self._time_out)
+        self._timer = self.loop.call_later(self._client_timeout_s, self._time_out)
 
     def _stop_timer(self) -> None:
         self._head_has_begun = False
@@ -199,7 +203,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
 
     def _time_out(self) -> None:
         if self._head_has_begun:
-            self._refuse(Stalled(f"the request's head was not complete within {self._head_timeout_s:g} s"))
+            self._refuse(Stalled(f"the request's head was not complete within {self._client_timeout_s:g} s"))
         else:
             self.transport.close()
 
@@ -221,6 +225,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
             cycle.disconnected = True  # so that the call sends nothing more, and ends
             cycle.message_event.set()
         self.transport.close()
+        self.abort_if_unread()
 
 
 def _too_large() -> HeadTooLarge:

@@ -109,12 +109,13 @@ def test_grace_period_exceeds_drain_and_shutdown() -> None:
 
 
 def test_memory_limits_exceed_what_the_service_admits() -> None:
-    """Sum in MiB: idle (benchmarks/RESULTS.md), matting, uploads, and the decoding of a photo for each thread."""
+    """Sum in MiB: idle (benchmarks/RESULTS.md), matting, bodies, answers, and the decoding of a photo a thread."""
     idle = re.search(r"Resident memory: (\d+) MiB idle", (ROOT / "benchmarks" / "RESULTS.md").read_text("utf-8"))
     assert idle
     limits, requests = CONTAINER["resources"]["limits"], CONTAINER["resources"]["requests"]
     photos = int(limits["cpu"]) * WORKING_BYTES * _default("max_image_pixels") / MIB
-    assert _mib(limits["memory"]) > int(idle[1]) + 275 + _default("max_upload_bytes") / MIB + photos
+    held = (_default("max_upload_bytes") + _default("max_answer_bytes")) / MIB
+    assert _mib(limits["memory"]) > int(idle[1]) + 275 + held + photos
     assert _mib(requests["memory"]) > int(idle[1]) + 275
 
 

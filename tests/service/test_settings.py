@@ -94,6 +94,7 @@ def test_settings_from_the_environment_set_every_field(monkeypatch: pytest.Monke
         "max_queued_images": 6,
         "max_points_in_flight": 7,
         "max_upload_bytes": 8,
+        "max_answer_bytes": 9,
         "client_timeout_s": 9.5,
         "threads": 5,
         "workers": 6,

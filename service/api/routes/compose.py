@@ -1,6 +1,6 @@
 """POST /compose: new objects made of stored ones."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Final
 
 from fastapi import APIRouter, Query
@@ -8,6 +8,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from service.api.admission import needs_gate
+from service.api.context import client_of
 from service.api.dependencies import ReadyRuntime
 from service.api.queries import Composition, NoQuery
 from service.api.responses import BODY_STALLED, OVERLOADED, ComposedObjects, Problem, Responses, StoredObject
@@ -16,7 +17,7 @@ from service.api.wire.json_bodies import read_json
 from service.errors import NotFound
 from service.mapping.box import PROBE_POINTS
 from service.mapping.spec import Functions
-from service.runtime.composition import Proposal, check_records, examined, propose
+from service.runtime.composition import Proposal, check_records, examined, propose, with_functions
 from service.runtime.cost import check_cost, cost_of
 from service.runtime.parts import Runtime
 from service.storage.ids import is_id
@@ -64,13 +65,16 @@ async def compose(
     """
     composition = await read_json(request, Composition, MAX_BODY_BYTES)
     members = await _members(runtime, composition)
-    cost = cost_of(members[0][0].spec, *(functions for _, functions in members))
-    with runtime.gates.points.admit(PROBE_POINTS * len(members) * cost):
-        proposals = await while_connected(request, runtime.run(propose, members, composition.mode))
-    records, any_new = await _keep(request, runtime, proposals, cost)
+    proposed = propose(members, composition.mode)
+    records = await runtime.store.records([record.id for record in proposed])
+    fresh = [record for record in proposed if record.id not in records]
+    any_new = False
+    if fresh:
+        kept, any_new = await _make(request, runtime, members, fresh)
+        records |= {record.id: record for record in kept}
     if any_new:
         response.status_code = 201
-    objects = [StoredObject.of(record, runtime.settings.root_path) for record in records]
+    objects = [StoredObject.of(records[record.id], runtime.settings.root_path) for record in proposed]
     if composition.mode == "all":
         return ComposedObjects(objects=objects)
     if any_new:
@@ -78,10 +82,8 @@ async def compose(
     return objects[0]
 
 
-async def _members(runtime: Runtime, composition: Composition) -> list[tuple[Record, Functions]]:
-    """Return the objects that the body names, each with its functions.
-
-    Functions are read once for each object, and only after all records were found to go together.
+async def _members(runtime: Runtime, composition: Composition) -> list[Record]:
+    """Return the records of the objects that the body names.
 
     Raises
     ------
@@ -93,26 +95,27 @@ async def _members(runtime: Runtime, composition: Composition) -> list[tuple[Rec
     for index, object_id in enumerate(ids):
         if object_id not in records:
             raise NotFound(f"objects[{index}]: there is no object of this id", field=f"objects[{index}]")
-    check_records([records[object_id] for object_id in ids], composition.mode)
-    members = {object_id: await runtime.store.get(object_id) for object_id in dict.fromkeys(ids)}
-    return [members[object_id] for object_id in ids]
+    members = [records[object_id] for object_id in ids]
+    check_records(members, composition.mode)
+    return members
 
 
-async def _keep(
-    request: Request, runtime: Runtime, proposals: Sequence[Proposal], cost: int
+async def _make(
+    request: Request, runtime: Runtime, members: Sequence[Record], fresh: Sequence[Record]
 ) -> tuple[list[Record], bool]:
-    """Keep the proposed objects; return their records, and whether any is new.
+    """Keep the objects that are not stored yet; return the records that are kept, and whether any is new.
 
-    Objects that cannot be sampled are refused before any is kept. `cost` is that of a point of each object.
+    The work is admitted before any function is read. Objects that cannot be sampled are refused before any is kept.
     """
-    kept = await runtime.store.records([proposal.record.id for proposal in proposals])
-    fresh = [proposal for proposal in proposals if proposal.record.id not in kept]
-    if not fresh:
-        return [kept[proposal.record.id] for proposal in proposals], False
+    cost = cost_of(members[0].spec, [record.color_spec for record in members if record.color_spec])
     n = PROBE_POINTS * len(fresh)
     check_cost(n, cost, runtime.settings.max_points, "objects")
-    with runtime.gates.points.admit(n * cost):
-        measured = await while_connected(request, runtime.run(examined, fresh))
-    records = {proposal.record.id: proposal.record for proposal in measured}
-    pairs = [(records.get(proposal.record.id, proposal.record), proposal.own) for proposal in proposals]
-    return await runtime.store.put_all(pairs)
+    with runtime.gates.points.admit(max(n, PROBE_POINTS * len(members)) * cost, client_of(request.scope)):
+        functions = {object_id: (await runtime.store.get(object_id))[1] for object_id in {each.id for each in members}}
+        proposals = await while_connected(request, runtime.run(_examined, fresh, functions))
+        return await runtime.store.put_all([(proposal.record, proposal.own) for proposal in proposals])
+
+
+def _examined(fresh: Sequence[Record], functions: Mapping[str, Functions]) -> list[Proposal]:
+    """Return the new objects with their functions and frames. Raises InvalidParameter if points exceed float32."""
+    return examined([with_functions(record, functions) for record in fresh])

@@ -1,7 +1,7 @@
 """Answers that are files of an object: its points, its surface, its weights."""
 
-from collections.abc import Iterable, Mapping
-from typing import Final, Protocol, TypeVar
+from collections.abc import Callable, Coroutine, Iterable, Mapping
+from typing import Any, Final, Protocol, TypeVar
 
 from starlette.requests import Request
 from starlette.responses import Response
@@ -9,7 +9,9 @@ from starlette.responses import Response
 from service.api.context import context_of
 from service.api.responses import BINARY, OBJECT_NOT_FOUND, OVERLOADED, Problem, Responses
 from service.api.wire.caching import CACHE_CONTROL, etag, is_fresh
+from service.api.wire.disconnects import AdmittedFile
 from service.api.wire.negotiation import negotiate
+from service.runtime.admission import Gate
 
 JSON: Final = {"schema": {"type": "object"}}
 NOT_ACCEPTABLE: Final[Responses] = {406: {"model": Problem, "description": "No format satisfies `Accept`"}}
@@ -100,6 +102,6 @@ class FileAnswer:
             del response.headers["Content-Length"]  # Starlette's, of the empty body
         return response
 
-    def with_file(self, content: bytes) -> Response:
-        """Return the answer with the file."""
-        return Response(content, headers=self.headers, media_type=self.media_type)
+    def with_file(self, compute: Callable[[], Coroutine[Any, Any, bytes]], gate: Gate, amount: int) -> AdmittedFile:
+        """Return the answer with the file, which is computed and sent within the gate."""
+        return AdmittedFile(compute, gate, amount, self.headers, self.media_type)

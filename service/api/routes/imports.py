@@ -65,14 +65,16 @@ async def import_object(
     compose them.
     """
     gates, max_bytes = runtime.gates, runtime.settings.max_weights_bytes
-    with gates.uploads.admit(0, client_of(request.scope)) as upload:
+    client = client_of(request.scope)
+    with gates.uploads.admit(0, client) as upload:
         body = await read_body(request, max_bytes, upload)
         weights = await while_connected(request, runtime.run(_load_one_function, body))
-        spec, functions = weights.spec, weights.functions
-        with gates.points.admit(PROBE_POINTS * cost_of(spec, functions)):
+        spec, functions, color = weights.spec, weights.functions, weights.color
+        cost = cost_of(spec, [color.spec] if color else [])
+        with gates.points.admit(PROBE_POINTS * cost, client):
             frame = await while_connected(request, runtime.run(examine, spec, functions))
         record, is_new = await runtime.store.put(_record(weights, frame), functions)
-        record, _ = await completed(runtime, record)
+        record, _ = await completed(runtime, record, client=client)
     answer = StoredObject.of(record, runtime.settings.root_path)
     if is_new:
         response.status_code = 201

@@ -52,11 +52,17 @@ RESPONSES: Final[Responses] = {
         "description": "The outputs: as JSON or, if the request says so, as bytes after it, as in the body",
         "content": {"application/json": {"schema": {"type": "object"}}, "application/octet-stream": BINARY},
     },
-    400: {"model": Problem, "description": f"A body that is not JSON, or shorter than `{HEADER_LENGTH}`"},
+    400: {
+        "model": Problem,
+        "description": f"A body that is not JSON, has too many lists, or is shorter than `{HEADER_LENGTH}`",
+    },
     408: BODY_STALLED,
     413: {"model": Problem, "description": "More bytes than eight images take as JSON"},
     415: {"model": Problem, "description": "A compressed body"},
-    422: {"model": Problem, "description": "A faulty member, or images of the wrong shape or range for the model"},
+    422: {
+        "model": Problem,
+        "description": "A faulty member, too many elements, or images of the wrong shape or range for the model",
+    },
     429: OVERLOADED,
 }
 
@@ -168,12 +174,12 @@ async def infer(request: Request, query: NoParameters, encoder: NamedEncoder, ru
         raise UnsupportedMedia("the body must not be compressed", field="Content-Encoding")
     gates, max_bytes = runtime.gates, max_body_bytes(encoder)
     client = client_of(request.scope)
-    with gates.uploads.admit(0, client) as upload:
+    with gates.images.admit(1, client) as admitted, gates.uploads.admit(0, client) as upload:
         body = await read_body(request, max_bytes, upload)
         work = runtime.run(parse, body, request.headers.get(HEADER_LENGTH), encoder)
         inference, images = await while_connected(request, work)
-        with gates.images.admit(len(images), client):
-            functions = await while_connected(request, _encode_each(runtime.batchers[encoder.name], images))
+        admitted.grow_to(len(images))
+        functions = await while_connected(request, _encode_each(runtime.batchers[encoder.name], images))
         content, headers = await while_connected(request, runtime.run(answer, encoder, inference, functions))
     return Response(content, headers=headers)
 

@@ -6,15 +6,15 @@ from fastapi import APIRouter, Query
 from starlette.requests import Request
 from starlette.responses import Response
 
+from service.api.context import client_of
 from service.api.dependencies import ObjectId, ReadyRuntime
 from service.api.queries import MeshQuery
 from service.api.routes.file_answers import NOT_ACCEPTABLE, FileAnswer, file_responses, format_of
-from service.api.wire.disconnects import while_connected
 from service.formats.mesh.registry import MESH_FORMATS, MeshFormat
 from service.mapping.frame import Frame
 from service.mapping.spec import Functions, MappingSpec
 from service.options import MeshOptions
-from service.runtime.cost import check_cost, cost_of
+from service.runtime.cost import check_cost, cost_of_object
 from service.runtime.frames import completed
 from service.runtime.shapes import functions_for, mesh_of
 
@@ -38,17 +38,20 @@ async def mesh(
     several layers.
     """
     fmt = format_of(request, query.format, MESH_FORMATS)
-    record, functions = await runtime.store.get(id_)
-    record, frame = await completed(runtime, record)
-    functions = functions_for(functions, query.color, holds_color=fmt.holds_color)
-    n, cost = 20 * query.resolution**2, cost_of(record.spec, functions)
+    record, frame = await completed(runtime, await runtime.store.record(id_), client=client_of(request.scope))
+    in_color = query.color == "auto" and fmt.holds_color
+    n, cost = 20 * query.resolution**2, cost_of_object(record, in_color=in_color)
     check_cost(n, cost, runtime.settings.max_points, "resolution")
     answer = FileAnswer(id_, fmt, "mesh", fmt.name, query.model_dump(exclude={"format"}), frame, vary="Accept")
     if response := answer.without_file(request):
         return response
-    with runtime.gates.points.admit(n * cost):
-        work = runtime.run(_mesh_file, fmt, record.spec, functions, frame, query)
-        return answer.with_file(await while_connected(request, work))
+
+    async def compute() -> bytes:
+        _, functions = await runtime.store.get(id_)
+        functions = functions_for(functions, query.color, holds_color=fmt.holds_color)
+        return await runtime.run(_mesh_file, fmt, record.spec, functions, frame, query)
+
+    return answer.with_file(compute, runtime.gates.points, n * cost)
 
 
 def _mesh_file(fmt: MeshFormat, spec: MappingSpec, functions: Functions, frame: Frame, options: MeshOptions) -> bytes:

@@ -3,7 +3,9 @@
 from typing import Annotated
 
 from fastapi import APIRouter, Query
+from starlette.requests import Request
 
+from service.api.context import client_of
 from service.api.dependencies import ObjectId, ReadyRuntime
 from service.api.queries import NoQuery, PageQuery
 from service.api.responses import OBJECT_NOT_FOUND, OVERLOADED, ObjectPage, Problem, StoredObject
@@ -21,9 +23,11 @@ async def page_of_objects(query: Annotated[PageQuery, Query()], runtime: ReadyRu
 
 
 @router.get("/{id}", responses=OBJECT_NOT_FOUND | {429: OVERLOADED})
-async def one_object(id_: ObjectId, query: Annotated[NoQuery, Query()], runtime: ReadyRuntime) -> StoredObject:
+async def one_object(
+    request: Request, id_: ObjectId, query: Annotated[NoQuery, Query()], runtime: ReadyRuntime
+) -> StoredObject:
     """Return one object."""
-    record, _ = await completed(runtime, await runtime.store.record(id_))
+    record, _ = await completed(runtime, await runtime.store.record(id_), client=client_of(request.scope))
     return StoredObject.of(record, runtime.settings.root_path)
 
 

@@ -1,18 +1,21 @@
 """GET /objects/{id}/points: an object's point cloud, streamed as a file."""
 
+from collections.abc import AsyncIterator
 from typing import Annotated
 
 from fastapi import APIRouter, Query
 from starlette.requests import Request
 from starlette.responses import Response, StreamingResponse
 
+from service.api.context import client_of
 from service.api.dependencies import ObjectId, ReadyRuntime
 from service.api.queries import PointsQuery
 from service.api.routes.file_answers import NOT_ACCEPTABLE, FileAnswer, file_responses, format_of
 from service.api.wire.caching import accepts_gzip
 from service.api.wire.disconnects import AdmittedStream
 from service.formats.points.registry import POINT_FORMATS
-from service.runtime.cost import check_cost, check_size, cost_of, in_flight
+from service.mapping.canonical import check_range
+from service.runtime.cost import check_cost, check_size, cost_of_object, in_flight
 from service.runtime.frames import completed
 from service.runtime.shapes import cloud_of
 from service.runtime.streaming import gzipped, stream
@@ -39,12 +42,12 @@ async def points(
     """
     fmt, settings = format_of(request, query.format, POINT_FORMATS), runtime.settings
     check_size(fmt, query.n, settings.max_points)
-    record, functions = await runtime.store.get(id_)
-    record, frame = await completed(runtime, record)
-    cloud = cloud_of(record.spec, functions, frame, query)
-    cost = cost_of(record.spec, cloud.functions)
+    check_range(query.n, query.seed, query.offset, query.sampling)
+    record, frame = await completed(runtime, await runtime.store.record(id_), client=client_of(request.scope))
+    in_color = query.color == "auto" and record.color_spec is not None
+    cost = cost_of_object(record, in_color=in_color)
     check_cost(query.n, cost, settings.max_points, "n")
-    fmt = fmt.holding(color=cloud.functions.color is not None)
+    fmt = fmt.holding(color=in_color)
     is_gzipped = fmt.is_text and accepts_gzip(request.headers.get("accept-encoding"))
     answer = FileAnswer(
         id_,
@@ -59,8 +62,11 @@ async def points(
     )
     if response := answer.without_file(request):
         return response
-    pieces = stream(fmt, cloud, runtime.run, settings.threads)
-    if is_gzipped:
-        pieces = gzipped(pieces, runtime.run)
+
+    async def begin() -> AsyncIterator[bytes]:
+        _, functions = await runtime.store.get(id_)
+        pieces = stream(fmt, cloud_of(record.spec, functions, frame, query), runtime.run, settings.threads)
+        return gzipped(pieces, runtime.run) if is_gzipped else pieces
+
     amount = cost * in_flight(query.n, settings.threads)
-    return AdmittedStream(pieces, runtime.gates.points, amount, answer.headers, answer.media_type)
+    return AdmittedStream(begin, runtime.gates.points, amount, answer.headers, answer.media_type)

@@ -6,13 +6,13 @@ from fastapi import APIRouter, Query
 from starlette.requests import Request
 from starlette.responses import Response
 
+from service.api.context import client_of
 from service.api.dependencies import ObjectId, ReadyRuntime
 from service.api.queries import WeightsQuery
 from service.api.routes.file_answers import FileAnswer, file_responses
-from service.api.wire.disconnects import while_connected
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump
 from service.mapping.box import PROBE_POINTS
-from service.runtime.cost import cost_of
+from service.runtime.cost import cost_of_object
 from service.runtime.frames import completed
 
 router = APIRouter(prefix="/objects", tags=["objects"])
@@ -32,12 +32,15 @@ async def weights(
     hold the color's weights and their spec. An ONNX file is one function, x -> points in the object frame,
     which runs anywhere; theta itself gives the function's own numbers, and the files carry the box (`frame`).
     """
-    record, functions = await runtime.store.get(id_)
-    record, frame = await completed(runtime, record)
+    record, frame = await completed(runtime, await runtime.store.record(id_), client=client_of(request.scope))
     answer = FileAnswer(id_, WEIGHT_FORMATS[query.format], query.format, frame)
     if response := answer.without_file(request):
         return response
-    word = record.members if record.kind == "composed" else ()
-    content = Weights(record.spec, functions.theta, record.model, word, functions.color, frame)
-    with runtime.gates.points.admit(PROBE_POINTS * cost_of(record.spec, functions)):
-        return answer.with_file(await while_connected(request, runtime.run(dump, content, query.format)))
+
+    async def compute() -> bytes:
+        _, functions = await runtime.store.get(id_)
+        word = record.members if record.kind == "composed" else ()
+        content = Weights(record.spec, functions.theta, record.model, word, functions.color, frame)
+        return await runtime.run(dump, content, query.format)
+
+    return answer.with_file(compute, runtime.gates.points, PROBE_POINTS * cost_of_object(record))

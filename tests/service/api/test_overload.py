@@ -150,7 +150,7 @@ def test_points_over_the_limit_answer_429_until_the_stream_ends(slow: Server, qu
 
 
 def test_points_of_a_large_function_cost_more_and_are_limited_lower(settings: Settings) -> None:
-    wide = replace(HOF_1, hidden=(3_000,), k=16)  # 23 times the work of the default model
+    wide = replace(HOF_1, hidden=(3_500,), k=16)  # 19 times the work of the default model
     file = dump(Weights(wide, 0.1 * initial_theta(wide), "m"), "safetensors")
     with (
         running(settings.model_copy(update={"max_points_in_flight": 1_000_000})) as server,
@@ -160,17 +160,17 @@ def test_points_of_a_large_function_cost_more_and_are_limited_lower(settings: Se
         path = client.post("/objects", content=file).json()["links"]["points"]
         small = client.post(PATH, content=plain(255)).json()["links"]["points"]
         with socket.create_connection(("127.0.0.1", server.port), timeout=DEADLINE_S) as connection:
-            connection.sendall(f"GET {path}?n=6000000 HTTP/1.1\r\nHost: x\r\n\r\n".encode())
+            connection.sendall(f"GET {path}?n=7000000 HTTP/1.1\r\nHost: x\r\n\r\n".encode())
             assert connection.recv(65_536).startswith(b"HTTP/1.1 200 ")  # alone, whatever it takes
-            assert gate.held == 23 * in_flight(6_000_000, settings.threads)
+            assert gate.held == 19 * in_flight(7_000_000, settings.threads)
             assert client.get(f"{small}?n=1").status_code == 429
         until(lambda: gate.held == 0)
-        assert client.head(f"{small}?n=6956522").status_code == 200
-        check_refused(client.get(f"{path}?n=6956522"), "n", "6956521")
+        assert client.head(f"{small}?n=8421053").status_code == 200
+        check_refused(client.get(f"{path}?n=8421053"), "n", "8421052")
 
 
 def test_mesh_and_compose_of_a_huge_function_are_refused_over_the_limit(settings: Settings) -> None:
-    huge = replace(HOF_1, hidden=(28_571,), k=8)  # 111 times the work of the default model
+    huge = replace(HOF_1, hidden=(28_571,), k=8)  # 73 times the work of the default model
     files = [dump(Weights(huge, 0.001 * initial_theta(huge, seed), "m"), "safetensors") for seed in range(2)]
     limits = {"max_weights_bytes": 1_000_000, "max_points": 300_000}
     with (
@@ -179,10 +179,10 @@ def test_mesh_and_compose_of_a_huge_function_are_refused_over_the_limit(settings
     ):
         one, other = (client.post("/objects", content=file).json() for file in files)
         path = one["links"]["mesh"]
-        check_refused(client.get(f"{path}?resolution=50"), "resolution", "43243")
+        check_refused(client.get(f"{path}?resolution=60"), "resolution", "65753")
         assert client.get(f"{path}?resolution=8").status_code == 200
         body = {"objects": [one["id"], other["id"]], "mode": "all"}
-        check_refused(client.post("/compose", json=body), "objects", "43243")
+        check_refused(client.post("/compose", json=body), "objects", "65753")
         word = {"objects": [one["id"]] * 4 + [other["id"]] * 4}
         assert client.post("/compose", json=word).status_code == 201
 

@@ -248,6 +248,7 @@ def _values_of_all_settings(model_path: Path, u2net_home: Path, folder: Path) ->
         "max_queued_images": 9,
         "max_points_in_flight": 10,
         "max_upload_bytes": 11,
+        "max_answer_bytes": 12,
         "client_timeout_s": 12,
         "drain_s": 7,
         "shutdown_s": 8,

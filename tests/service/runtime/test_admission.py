@@ -18,6 +18,19 @@ def test_gate_when_empty_admits_any_amount_and_when_full_none() -> None:
     assert (gate.held, gate.finished, gate.refused) == (0, 3, 3)
 
 
+def test_gate_work_that_grows_needs_room_beside_the_others() -> None:
+    gate = Gate("images", 10)
+    with gate.admit() as alone:
+        alone.grow_to(25)
+        assert gate.held == 25
+    with gate.admit(6), gate.admit() as other:
+        other.grow_to(4)
+        with pytest.raises(Overloaded):
+            other.grow_to(5)
+        assert gate.held == 10
+    assert (gate.held, gate.finished, gate.refused) == (0, 3, 1)
+
+
 @pytest.mark.parametrize(
     ("error", "counted"),
     [
