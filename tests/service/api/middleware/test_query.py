@@ -6,7 +6,7 @@ import pytest
 from service.api.middleware.query import MAX_PARAMETERS
 from service.api.problems import MAX_ERRORS, MAX_FIELD
 
-PATHS = ["/health/live", "/docs", "/openapi.json", "/viewer/main.js", "/nope", "/objects", "/model", "/v2"]
+PATHS = ["/health/live", "/docs", "/openapi.json", "/viewer/main.js", "/objects", "/model", "/v2"]
 
 
 def _query(count: int) -> str:
@@ -18,6 +18,12 @@ def test_query_of_too_many_parameters_is_refused_on_any_path(client: httpx.Clien
     answer = client.get(f"{path}?{_query(8_000)}")
     assert (answer.status_code, answer.headers["content-type"]) == (422, "application/problem+json")
     assert answer.json()["detail"] == f"the query has 8000 parameters, at most {MAX_PARAMETERS} are allowed"
+    assert len(answer.content) < 1_000
+
+
+def test_query_of_an_unknown_path_is_not_parsed(client: httpx.Client) -> None:
+    answer = client.get(f"/nope?{_query(8_000)}")
+    assert answer.status_code == 404
     assert len(answer.content) < 1_000
 
 
