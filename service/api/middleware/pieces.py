@@ -53,12 +53,11 @@ class SendInPieces:
                 await send(start)
                 start = None
             body = message.get("body", b"")
-            if len(body) <= PIECE:
-                await send(message)
-                return
-            for begin in range(0, len(body), PIECE):
+            # The last piece is sent with the end of the answer: a client that knows the length may then ask again.
+            last = max(0, len(body) - 1) // PIECE * PIECE
+            for begin in range(0, last, PIECE):
                 await send({"type": message["type"], "body": body[begin : begin + PIECE], "more_body": True})
                 await asyncio.sleep(0)  # others' turn, and that of whoever watches for the client to leave
-            await send({**message, "body": b""})
+            await send({**message, "body": body[last:]})
 
         await self._app(scope, receive, send_in_pieces)

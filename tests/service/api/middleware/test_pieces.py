@@ -47,6 +47,7 @@ def test_body_is_sent_whole_in_pieces(size: int) -> None:
     assert _body(sent) == BODY[:size]
     assert max(len(message.get("body", b"")) for message, _ in sent) <= PIECE
     assert [message.get("more_body", False) for message, _ in sent[1:]] == [True] * (len(sent) - 2) + [False]
+    assert all(message["body"] for message, _ in sent[1:]) or not size  # the end comes with the last bytes
 
 
 def test_large_body_is_held_until_its_last_piece_is_taken() -> None:
@@ -76,5 +77,6 @@ def test_stream_is_sent_in_pieces_and_not_held() -> None:
 
     sent = _send(StreamingResponse(parts()), Gate("bytes", 1))
     assert _body(sent) == 2 * BODY
+    assert all(message["body"] for message, _ in sent[1:-1])
     assert max(len(message.get("body", b"")) for message, _ in sent) <= PIECE
     assert {held for _, held in sent} == {0}

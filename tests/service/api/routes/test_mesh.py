@@ -62,6 +62,12 @@ def test_mesh_as_gltf_passes_the_khronos_validator(client: httpx.Client, path: s
     assert report["info"]["totalTriangleCount"] > 1000
 
 
+def test_meshes_asked_for_on_one_connection_at_once_are_all_answered(client: httpx.Client, path: str) -> None:
+    answers = [client.get(path, params={"format": "obj", "resolution": 16}) for _ in range(20)]
+    assert {answer.status_code for answer in answers} == {200}
+    assert len(answers[0].content) > 65_536  # several pieces
+
+
 def test_mesh_of_an_object_lies_where_its_points_are(client: httpx.Client, path: str) -> None:
     points = np.load(io.BytesIO(client.get(path.replace("mesh", "points") + "?format=npy").content))
     mesh = _mesh(client, path, "glb")
