@@ -14,9 +14,9 @@ from service.runtime.cost import check_cost, cost_of
 ROUNDING = 1e-6  # longest sides: a point on a side of the cube may come out that far outside
 
 
-def path_cost(spec: MappingSpec, functions: Functions, options: PathOptions, max_points: int) -> int:
+def path_cost(spec: MappingSpec, options: PathOptions, max_points: int) -> int:
     """Return the work of a path: the object's points, and each cell like a point. Raises InvalidParameter."""
-    n, cost = points_for(options.cells), cost_of(spec, Functions(functions.theta))
+    n, cost = points_for(options.cells), cost_of(spec)
     check_cost(n, cost, max_points, "cells")
     return n * cost + options.cells**3
 

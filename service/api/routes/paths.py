@@ -88,10 +88,10 @@ async def path(
     """
     fmt = format_of(request, query.format, PATH_FORMATS)
     options = await read_json(request, PathBody, MAX_BODY_BYTES)
-    record, functions = await runtime.store.get(id_)
-    record, frame = await completed(runtime, record)
-    amount = path_cost(record.spec, functions, options, runtime.settings.max_points)
-    with runtime.gates.points.admit(amount, client_of(request.scope)):
+    client = client_of(request.scope)
+    record, frame = await completed(runtime, await runtime.store.record(id_), client=client)
+    with runtime.gates.points.admit(path_cost(record.spec, options, runtime.settings.max_points), client):
+        _, functions = await runtime.store.get(id_)
         work = runtime.run(_path_file, fmt, record.spec, functions, frame, options)
         content = await while_connected(request, work)
     return Response(content, headers={"Vary": "Accept"}, media_type=fmt.media_type)
