@@ -13,7 +13,7 @@ from service.errors import InvalidParameter
 from service.formats.points.registry import PointFormat
 from service.mapping.cloud import FIRST_PART, PART
 from service.mapping.spec import HOF_1, MappingSpec
-from service.storage.store import Record
+from service.storage.rows import Record
 
 WIDE: Final = 256  # units of a layer; the values of more do not stay in the L2 cache, for a tile of points
 HUGE: Final = 8_192  # units of a layer; the values of more stay in no cache

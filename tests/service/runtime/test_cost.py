@@ -7,7 +7,7 @@ from threadpoolctl import threadpool_limits
 from service.mapping.cloud import FIRST_PART, PART
 from service.mapping.spec import HOF_1, HOF_3, MappingSpec
 from service.runtime.cost import cost_of, cost_of_object, in_flight
-from service.storage.store import Record
+from service.storage.rows import Record
 from tests.support.point_times import measure
 
 SLACK = 3.0  # between charge and measurement on any machine; benchmarks/COSTS.md has 1.5 on the one that was measured
