@@ -15,9 +15,10 @@ from pydantic import BaseModel, ConfigDict, FailFast, Field, ValidationError
 from pydantic_core import from_json
 
 from service.api.problems import field_errors
-from service.encoding.encoder import Encoder
+from service.encoding.encoder import Encoded, Encoder
+from service.encoding.estimates import CAMERA, SHAPE_CONFIDENCE
 from service.errors import InvalidInput, InvalidParameter
-from service.mapping.spec import Array, Functions
+from service.mapping.spec import Array
 from service.runtime.batcher import MAX_BATCH
 
 EXTENSION: Final = "binary_tensor_data"
@@ -81,7 +82,7 @@ class InferenceRequest(_Part):
     id: str | None = Field(default=None, max_length=200)
     parameters: RequestParameters = RequestParameters()
     inputs: Annotated[list[Input], Field(min_length=1, max_length=1)]
-    outputs: Annotated[list[Output], Field(max_length=2)] = []
+    outputs: Annotated[list[Output], Field(max_length=4)] = []
 
 
 class InferenceServer(BaseModel):
@@ -196,7 +197,7 @@ def parse(body: bytes, header_length: str | None, encoder: Encoder) -> Inference
     return Inference(request, _images(request.inputs[0], body[length:], encoder.framing.size))
 
 
-def answer(encoder: Encoder, request: InferenceRequest, functions: Sequence[Functions]) -> tuple[bytes, dict[str, str]]:
+def answer(encoder: Encoder, request: InferenceRequest, functions: Sequence[Encoded]) -> tuple[bytes, dict[str, str]]:
     """Return the body that answers a request with the functions of its images, and the body's headers."""
     outputs, binary = [], []
     for output in request.outputs or [Output(name=name) for name in encoder.outputs]:
@@ -309,8 +310,13 @@ def _not_numbers(shape: list[int]) -> InvalidParameter:
     return InvalidParameter(detail, field="inputs[0].data")
 
 
-def _stacked(name: str, functions: Sequence[Functions]) -> Array:
+def _stacked(name: str, functions: Sequence[Encoded]) -> Array:
     """Return the rows of an output, (b, size of the output)."""
+    made = [each.estimates for each in functions if each.estimates]
+    if name == SHAPE_CONFIDENCE:
+        return np.array([[each.shape_confidence] for each in made], np.float32)
+    if name == CAMERA:
+        return np.array([list(vars(each.camera).values()) for each in made], np.float32)
     if name == "theta":
         return np.stack([each.theta for each in functions])
     return np.stack([each.color.weights for each in functions if each.color])

@@ -10,6 +10,8 @@ import numpy as np
 from pydantic import BaseModel, Field, computed_field
 from pydantic.json_schema import SkipJsonSchema
 
+from service.encoding.encoder import Encoded
+from service.encoding.estimates import Estimates
 from service.encoding.framing import Framed
 from service.encoding.masks import Mask
 from service.encoding.report import ImageReport as Report
@@ -105,6 +107,45 @@ class ImageReport(BaseModel):
         return cls(**asdict(report))
 
 
+class Camera(BaseModel):
+    """The camera that took the photo, as the model sees it. It looks at the object's center, in the object frame."""
+
+    azimuth: float = Field(
+        ge=-180,
+        le=180,
+        description="degrees from the front (+Z) toward +X: 0 sees the front, 90 the side at +X, 180 the back",
+        examples=[31.5],
+    )
+    elevation: float = Field(description="degrees above the object's horizontal plane", examples=[18.2])
+    distance: float = Field(description="from the object's center, in its longest sides", examples=[2.9])
+    roll: float = Field(
+        description="degrees that the camera is turned clockwise; the object in the photo is turned the other way",
+        examples=[0.4],
+    )
+
+
+ShapeConfidence = Annotated[
+    Annotated[float, Field(ge=0, le=1)] | SkipJsonSchema[None],
+    Field(
+        default=None,
+        exclude_if=lambda value: value is None,
+        description="how well the shape is expected to fit: the F-score at 2% of the longest side against the true "
+        "object, estimated by the model. Not the mask's confidence, which is `image.confidence`. Absent unless the "
+        "object was encoded by a model that estimates it",
+        examples=[0.57],
+    ),
+]
+PhotoCamera = Annotated[
+    Camera | SkipJsonSchema[None],
+    Field(
+        default=None,
+        exclude_if=lambda value: value is None,
+        description="the camera that took the photo, as the model sees it. Absent unless the object was encoded by a "
+        "model that estimates it",
+    ),
+]
+
+
 class StoredObject(BaseModel):
     """An object: a mapping function that the service keeps."""
 
@@ -141,6 +182,8 @@ class StoredObject(BaseModel):
         exclude_if=lambda value: value is None,
         description="of an encoded object: its photo, unless an older version of the service stored it",
     )
+    shape_confidence: ShapeConfidence = None
+    camera: PhotoCamera = None
     links: Links
 
     @classmethod
@@ -189,11 +232,13 @@ class EncodedWeights(BaseModel):
     dimensions: Dimensions
     frame: Box
     image: ImageReport
+    shape_confidence: ShapeConfidence = None
+    camera: PhotoCamera = None
     weights: Weights64
     color_weights: ColorWeights64 = None
 
     @classmethod
-    def of(cls, model: str, spec: MappingSpec, functions: Functions, frame: Frame, framed: Framed) -> "EncodedWeights":
+    def of(cls, model: str, spec: MappingSpec, functions: Encoded, frame: Frame, framed: Framed) -> "EncodedWeights":
         """Return the JSON form of functions that are not kept."""
         return cls(
             model=model,
@@ -203,6 +248,7 @@ class EncodedWeights(BaseModel):
             dimensions=frame.dimensions,
             frame=Box(**asdict(frame)),
             image=ImageReport.of(Report.of(framed)),
+            **_estimates_fields(functions.estimates.rounded() if functions.estimates else None),
             **_weights_fields(functions),
         )
 
@@ -276,8 +322,13 @@ def _object_fields(record: Record, root_path: str | None) -> dict[str, Any]:
         "dimensions": record.frame.dimensions if record.frame else None,
         "frame": Box(**asdict(record.frame)) if record.frame else None,
         "image": ImageReport.of(record.image) if record.image else None,
+        **_estimates_fields(record.estimates),
         "links": Links(self=path, points=f"{path}/points", mesh=f"{path}/mesh", weights=f"{path}/weights"),
     }
+
+
+def _estimates_fields(estimates: Estimates | None) -> dict[str, Any]:
+    return asdict(estimates) if estimates else {}
 
 
 def _weights_fields(functions: Functions) -> dict[str, Any]:

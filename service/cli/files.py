@@ -71,8 +71,10 @@ def encode(arguments: argparse.Namespace) -> None:
     else:
         result = f"{_write_points(arguments, encoder.spec, functions, frame)} points"
     hint = "; no matting model is set (--matting-model)" if framed.mask == "none" and matting is None else ""
-    report = f"{_name(arguments.photo)}: {ImageReport.of(framed)}{hint}"
-    print(f"hof: {report}\nhof: {_name(arguments.output)}: {result}", file=sys.stderr)
+    lines = [f"{_name(arguments.photo)}: {ImageReport.of(framed)}{hint}", f"{_name(arguments.output)}: {result}"]
+    if functions.estimates:
+        lines.insert(1, f"{_name(arguments.photo)}: {functions.estimates.rounded()}")
+    print(*(f"hof: {each}" for each in lines), sep="\n", file=sys.stderr)
 
 
 def sample(arguments: argparse.Namespace) -> None:

@@ -1,19 +1,32 @@
-"""The image encoder g_phi: an ONNX file that describes itself; it computes theta, and color if it has color."""
+"""The image encoder g_phi: an ONNX file that describes itself; it computes theta, and color and estimates if it can."""
 
 import hashlib
 import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import onnxruntime as ort
 
+from service.encoding import estimates
+from service.encoding.estimates import Estimates
 from service.encoding.framing import Framing
 from service.errors import InvalidModel, InvalidSpec
 from service.mapping.spec import Array, Color, Functions, MappingSpec, check_color_spec
 
 FORMAT: Final = 1  # of the metadata; files written before this field existed lack it
 MAX_SIDE: Final = 4096  # pixels, of an encoder's input; far above any real encoder
+
+
+@dataclass(frozen=True)
+class Encoded(Functions):
+    """The functions of one image's object, and estimates.
+
+    estimates : None if the encoder makes none.
+    """
+
+    estimates: Estimates | None = None
 
 
 class Encoder:
@@ -23,6 +36,7 @@ class Encoder:
     ----------
     spec : spec of the thetas.
     color_spec : spec of the color's weights; None if the model has no color.
+    makes_estimates : whether it estimates the fit of the shape and the camera.
     framing : framing of the input images.
     name, card : the model's name, and the whole model card.
     digest : sha256 of the file, hexadecimal.
@@ -35,6 +49,7 @@ class Encoder:
         _check_format(metadata)
         self.spec: Final = _spec(metadata, "hof.spec")
         self.color_spec: Final = _color_spec(metadata, self.spec)
+        self.makes_estimates: Final = _makes_estimates(metadata)
         self.framing: Final = _framing(metadata)
         self.card: Final = _card(metadata)
         self.name: Final[str] = self.card["name"]
@@ -60,7 +75,7 @@ class Encoder:
         except InvalidModel as error:
             raise InvalidModel(f"the model {path} is unusable: {error.detail}") from error
 
-    def encode(self, images: Array) -> list[Functions]:
+    def encode(self, images: Array) -> list[Encoded]:
         """Compute each image's functions (paper, section 3.2): (b, 3, size, size) in [0, 1] -> b objects.
 
         Raises
@@ -72,10 +87,13 @@ class Encoder:
         for name, output in outputs.items():
             if not np.isfinite(output).all():
                 raise InvalidModel(f"the model {self.name} gave a {name} that is not finite")
-        if self.color_spec is None:
-            return [Functions(theta) for theta in outputs["theta"]]
-        colors = [Color(self.color_spec, weights) for weights in outputs["color"]]
-        return [Functions(theta, color) for theta, color in zip(outputs["theta"], colors, strict=True)]
+        color_spec, count = self.color_spec, len(images)
+        colors = [Color(color_spec, weights) for weights in outputs["color"]] if color_spec else [None] * count
+        made: list[Estimates | None] = [None] * count
+        if self.makes_estimates:
+            rows = zip(outputs[estimates.SHAPE_CONFIDENCE], outputs[estimates.CAMERA], strict=True)
+            made = [Estimates.of(*row) for row in rows]
+        return [Encoded(*each) for each in zip(outputs["theta"], colors, made, strict=True)]
 
     def blank(self) -> Array:
         """Return a white image, (1, 3, size, size): the input for warm-up and health checks."""
@@ -88,8 +106,8 @@ class Encoder:
     @property
     def outputs(self) -> dict[str, list[int]]:
         """Names of the graph's outputs, with their shapes for one image."""
-        theta = {"theta": [self.spec.size]}
-        return theta if self.color_spec is None else theta | {"color": [self.color_spec.size]}
+        color = {} if self.color_spec is None else {"color": [self.color_spec.size]}
+        return {"theta": [self.spec.size], **color, **(estimates.OUTPUTS if self.makes_estimates else {})}
 
     def _check_graph(self) -> None:
         """Raise InvalidModel if the metadata disagree with the graph."""
@@ -153,6 +171,17 @@ def _color_spec(metadata: dict[str, str], spec: MappingSpec) -> MappingSpec | No
     except InvalidSpec as error:
         raise InvalidModel(f"its metadata 'hof.color_spec' does not fit 'hof.spec': {error.detail}") from error
     return color_spec
+
+
+def _makes_estimates(metadata: dict[str, str]) -> bool:
+    """Return whether the model makes estimates. Raises InvalidModel if a newer version defines what they mean."""
+    version = metadata.get("hof.estimates", estimates.VERSION)
+    if version != estimates.VERSION:
+        raise InvalidModel(
+            f"its estimates have version {version[:20]}, this version of hof reads {estimates.VERSION}: install a "
+            "newer hof, or export it again"
+        )
+    return "hof.estimates" in metadata
 
 
 def _framing(metadata: dict[str, str]) -> Framing:

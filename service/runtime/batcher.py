@@ -13,12 +13,13 @@ from typing import Final
 
 import numpy as np
 
-from service.mapping.spec import Array, Functions
+from service.encoding.encoder import Encoded
+from service.mapping.spec import Array
 
 MAX_BATCH: Final = 8  # images in one call; benchmarks/LOAD.md has the gain by size
 
-Waiting = tuple[Array, "asyncio.Future[Functions]"]  # an image and the future for its functions
-Outcome = Functions | Exception
+Waiting = tuple[Array, "asyncio.Future[Encoded]"]  # an image and the future for its functions
+Outcome = Encoded | Exception
 Run = Callable[[Callable[[], list[Outcome]]], Awaitable[list[Outcome]]]
 
 
@@ -37,7 +38,7 @@ class Batcher:
     answered_at : time of the last successful call, `time.monotonic()`.
     """
 
-    def __init__(self, encode: Callable[[Array], Iterable[Functions]], run: Run) -> None:
+    def __init__(self, encode: Callable[[Array], Iterable[Encoded]], run: Run) -> None:
         self._encode = encode
         self._run = run
         self._waiting: deque[Waiting] = deque()
@@ -45,12 +46,12 @@ class Batcher:
         self.images = self.calls = 0
         self.answered_at = time.monotonic()
 
-    async def encode(self, image: Array) -> Functions:
+    async def encode(self, image: Array) -> Encoded:
         """Return the functions of one image, (1, 3, size, size). Raises as the encoder does for this image alone.
 
         If canceled before a call takes the image, the image is never encoded.
         """
-        future: asyncio.Future[Functions] = asyncio.get_running_loop().create_future()
+        future: asyncio.Future[Encoded] = asyncio.get_running_loop().create_future()
         self._waiting.append((image, future))
         self._start()
         return await future
@@ -101,7 +102,7 @@ class Batcher:
         return outcomes
 
 
-def _settle(batch: Iterable[Waiting], outcomes: Iterable[Functions | BaseException]) -> None:
+def _settle(batch: Iterable[Waiting], outcomes: Iterable[Encoded | BaseException]) -> None:
     """Set the outcome of each future, except for those whose client left."""
     for (_, future), outcome in zip(batch, outcomes, strict=True):
         if future.done():

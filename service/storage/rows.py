@@ -9,6 +9,7 @@ from typing import Any, Final, Literal
 import numpy as np
 from sqlalchemy import Connection, Row
 
+from service.encoding.estimates import Estimates
 from service.encoding.report import ImageReport
 from service.mapping.frame import Frame
 from service.mapping.spec import CACHED_SPECS, Array, Color, Functions, MappingSpec
@@ -30,6 +31,7 @@ class Record:
     color_spec : spec of its color function; None without color.
     frame : its box; None if an older version of hof stored it and nobody has read it since.
     image : report on the photo it was encoded from; None if there was none, or if an older version stored it.
+    estimates : of the encoder; None if it makes none, or if the object was not encoded from a photo.
     """
 
     id: str
@@ -41,6 +43,7 @@ class Record:
     color_spec: MappingSpec | None = None
     frame: Frame | None = None
     image: ImageReport | None = None
+    estimates: Estimates | None = None
 
 
 def insert_all(connection: Connection, pairs: Sequence[tuple[Record, Functions | None]]) -> None:
@@ -63,6 +66,7 @@ def _insert(connection: Connection, record: Record, functions: Functions | None)
         "color_spec": record.color_spec.to_json() if record.color_spec else None,
         "frame": record.frame.to_bytes() if record.frame else None,
         "image": record.image.to_json() if record.image else None,
+        "estimates": record.estimates.to_json() if record.estimates else None,
     }
     connection.execute(objects.insert(), values)
     if record.kind == "composed":
@@ -80,7 +84,8 @@ def record_of(row: Row[Any]) -> Record:
     color_spec = _spec(row.color_spec) if row.color_spec else None
     frame = Frame.from_bytes(row.frame) if row.frame else None
     image = ImageReport.from_json(row.image) if row.image else None
-    return Record(row.id, row.kind, row.model, spec, created_at, members, color_spec, frame, image)
+    estimates = Estimates.from_json(row.estimates) if row.estimates else None
+    return Record(row.id, row.kind, row.model, spec, created_at, members, color_spec, frame, image, estimates)
 
 
 def functions_of(row: Row[Any]) -> Functions:

@@ -30,11 +30,20 @@ class Work:
         encoder = self.encoder
         framed = [preprocess(image, encoder.framing) for image in images]
         functions_of_each = encoder.encode(np.concatenate([one.tensor for one in framed]))
-        objects = []
+        objects: list[tuple[Record, Functions, dict[str, Any]]] = []
         for image, one, functions in zip(images, framed, functions_of_each, strict=True):
             object_id = encoded_id(image, one.mask, encoder.framing.foreground_ratio, encoder.digest)
             now = datetime.now(UTC)
-            record = Record(object_id, "encoded", encoder.name, encoder.spec, now, color_spec=encoder.color_spec)
+            estimates = functions.estimates.rounded() if functions.estimates else None
+            record = Record(
+                object_id,
+                "encoded",
+                encoder.name,
+                encoder.spec,
+                now,
+                color_spec=encoder.color_spec,
+                estimates=estimates,
+            )
             answer = EncodedObject.of_image(record, one, None).model_dump(mode="json", by_alias=True, exclude_none=True)
             objects.append((record, functions, answer))
         return objects

@@ -27,7 +27,7 @@ from service.api.responses import (
 )
 from service.api.wire.disconnects import while_connected
 from service.api.wire.uploads import read_image
-from service.encoding.encoder import Encoder
+from service.encoding.encoder import Encoded, Encoder
 from service.encoding.framing import Framed, preprocess
 from service.encoding.report import ImageReport
 from service.mapping.box import measure
@@ -108,8 +108,8 @@ async def encode(
         args = (image, framing, query.background, max_pixels, runtime.matting)
         frame = partial(runtime.run_stoppable, lambda stop: preprocess(*args, stop))
         if not query.store:
-            framed, functions, box = await while_connected(request, _encode(frame, runtime, encoder))
-            return EncodedWeights.of(encoder.name, encoder.spec, functions, box, framed)
+            framed, encoded, box = await while_connected(request, _encode(frame, runtime, encoder))
+            return EncodedWeights.of(encoder.name, encoder.spec, encoded, box, framed)
         work = _look_up_or_encode(frame, runtime, encoder, image, framing.foreground_ratio)
         framed, record, functions, is_stored = await while_connected(request, work)
         record, is_new = (record, False) if is_stored else await runtime.store.put(record, functions)
@@ -121,12 +121,12 @@ async def encode(
     return answer
 
 
-async def _encode(frame: Frame, runtime: Runtime, encoder: Encoder) -> tuple[Framed, Functions, ObjectFrame]:
+async def _encode(frame: Frame, runtime: Runtime, encoder: Encoder) -> tuple[Framed, Encoded, ObjectFrame]:
     framed = await frame()
     return framed, *await _functions(runtime, encoder, framed)
 
 
-async def _functions(runtime: Runtime, encoder: Encoder, framed: Framed) -> tuple[Functions, ObjectFrame]:
+async def _functions(runtime: Runtime, encoder: Encoder, framed: Framed) -> tuple[Encoded, ObjectFrame]:
     """Return the functions of a framed image, and the box that they fill."""
     functions = await runtime.batchers[encoder.name].encode(framed.tensor)
     return functions, await runtime.run(measure, encoder.spec, functions.theta)
@@ -147,7 +147,7 @@ async def _look_up_or_encode(
         record, functions = match
         record, _ = await completed(runtime, record, report)
         return framed, record, functions, True
-    functions, box = await _functions(runtime, encoder, framed)
+    encoded, box = await _functions(runtime, encoder, framed)
     record = Record(
         object_id,
         "encoded",
@@ -157,5 +157,6 @@ async def _look_up_or_encode(
         color_spec=encoder.color_spec,
         frame=box,
         image=report,
+        estimates=encoded.estimates.rounded() if encoded.estimates else None,
     )
-    return framed, record, functions, False
+    return framed, record, encoded, False

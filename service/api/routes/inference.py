@@ -33,9 +33,9 @@ from service.api.responses import BINARY, BODY_STALLED, OVERLOADED, Problem, Res
 from service.api.routes.health import check_ready
 from service.api.wire.disconnects import while_connected
 from service.api.wire.uploads import read_body
-from service.encoding.encoder import Encoder
+from service.encoding.encoder import Encoded, Encoder
 from service.errors import InvalidParameter, NotFound, UnsupportedMedia
-from service.mapping.spec import Array, Functions
+from service.mapping.spec import Array
 from service.runtime.batcher import MAX_BATCH, Batcher
 
 router = APIRouter(prefix="/v2", tags=["inference"])
@@ -168,7 +168,9 @@ async def infer(request: Request, query: NoParameters, encoder: NamedEncoder, ru
     255. Rows run from the top. The object stands over white, centered; its longer side fills `foreground_ratio` of the
     square: `/model` has this share and the size. `/encode` does all of this itself.
 
-    The output `theta` equals the weights of `/encode?store=false`; a model with color also has the output `color`.
+    The output `theta` equals the weights of `/encode?store=false`; a model with color also has the output `color`. A
+    model that makes estimates also has `shape_confidence` (b, 1) and `camera` (b, 4): azimuth, elevation, distance and
+    roll, as in the answer of `/encode`.
     """
     if "content-encoding" in request.headers:
         raise UnsupportedMedia("the body must not be compressed", field="Content-Encoding")
@@ -184,6 +186,6 @@ async def infer(request: Request, query: NoParameters, encoder: NamedEncoder, ru
     return Response(content, headers=headers)
 
 
-async def _encode_each(batcher: Batcher, images: Array) -> list[Functions]:
+async def _encode_each(batcher: Batcher, images: Array) -> list[Encoded]:
     """Return the functions of each image; the batcher may encode it together with images of other requests."""
     return await asyncio.gather(*(batcher.encode(images[i : i + 1]) for i in range(len(images))))

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import time
@@ -15,6 +16,7 @@ from service.cli.main import main
 from tests.support import ROOT
 from tests.support.photos import image_file
 from tests.support.processes import HOF
+from tests.support.small import model as tiny_model
 
 
 def test_encode_tells_mask_box_confidence_files_and_points(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -24,6 +26,15 @@ def test_encode_tells_mask_box_confidence_files_and_points(here: Path, capsys: p
     assert captured.err == (
         "hof: photo.png: mask by border, confidence 1.0; box 40,30 to 81,71 of 120 x 90 pixels\n"
         "hof: out.ply: 70 points\n"
+    )
+    tiny_model.build(here / "estimating.onnx", estimates=True)
+    assert main(["encode", "photo.png", "-o", "out.ply", "--n", "70", "--model", "estimating.onnx"]) == 0
+    photo_line, estimates_line, _ = capsys.readouterr().err.splitlines()
+    assert photo_line == captured.err.splitlines()[0]
+    assert re.fullmatch(
+        r"hof: photo\.png: shape confidence [01]\.\d+; camera at azimuth [-\d.]+, elevation [-\d.]+, "
+        r"roll [-\d.]+ degrees, distance [\d.]+ longest sides",
+        estimates_line,
     )
     (here / "noise.png").write_bytes(image_file(Image.effect_noise((64, 64), 90).convert("RGB")))
     assert main(["encode", "noise.png", "-o", "out.safetensors"]) == 0

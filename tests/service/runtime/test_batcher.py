@@ -8,8 +8,8 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from service.encoding.encoder import Encoder
-from service.mapping.spec import Array, Functions
+from service.encoding.encoder import Encoded, Encoder
+from service.mapping.spec import Array
 from service.runtime.batcher import MAX_BATCH, Batcher
 from service.settings import SHIPPED_MODEL
 
@@ -21,11 +21,11 @@ def _image(value: float) -> Array:
     return np.full((1, 3, 2, 2), value, np.float32)
 
 
-def _encode(images: Array) -> list[Functions]:
+def _encode(images: Array) -> list[Encoded]:
     """Return the image's mean, twice, as theta; a negative image fails whatever call it is in."""
     if (images < 0).any():
         raise ValueError("negative")
-    return [Functions(np.repeat(mean, 2)) for mean in images.mean(axis=(1, 2, 3))]
+    return [Encoded(np.repeat(mean, 2)) for mean in images.mean(axis=(1, 2, 3))]
 
 
 def _batcher(executor: ThreadPoolExecutor) -> Batcher:

@@ -19,7 +19,7 @@ from tests.support.small.store import open_store
 pytestmark = EVERY_DATABASE
 
 DATA = Path(__file__).parent / "schemas"
-HEAD = "0003"
+HEAD = "0004"
 SPEC = MappingSpec("tiny", 3, (2,), 3, k=2)
 
 

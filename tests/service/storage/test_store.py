@@ -3,12 +3,14 @@
 import asyncio
 import subprocess
 import sys
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from service.encoding.estimates import Camera, Estimates
 from service.errors import InvalidParameter, NotFound
 from service.mapping.spec import HOF_1, Functions, initial_theta
 from service.storage.rows import Record
@@ -137,3 +139,15 @@ def test_page_with_an_invalid_cursor_is_refused(database_url: str, cursor: str) 
     with pytest.raises(InvalidParameter) as caught:
         asyncio.run(scenario())
     assert caught.value.field == "cursor"
+
+
+def test_store_keeps_the_estimates_of_an_object(database_url: str) -> None:
+    estimates = Estimates(0.57, Camera(-31.5, 18.2, 2.9, 0.4))
+
+    async def scenario() -> list[Estimates | None]:
+        async with open_store(database_url) as store:
+            await store.put(replace(encoded_record("a"), estimates=estimates), Functions(THETA))
+            await store.put(encoded_record("b"), Functions(THETA))
+            return [(await store.record(name)).estimates for name in ("a", "b")]
+
+    assert asyncio.run(scenario()) == [estimates, None]

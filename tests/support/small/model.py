@@ -1,6 +1,7 @@
 """A tiny image encoder as ONNX, for tests.
 
-theta is a linear function of the image's mean color, and so are the weights of the object's color, if it has any.
+theta is a linear function of the image's mean color, and so are the weights of the object's color and the estimates, if
+it has any.
 """
 
 import json
@@ -25,7 +26,9 @@ CARD = {
 }
 
 
-def metadata(spec: MappingSpec = SPEC, name: str = "tiny-k2", color_spec: MappingSpec | None = None) -> dict[str, str]:
+def metadata(
+    spec: MappingSpec = SPEC, name: str = "tiny-k2", color_spec: MappingSpec | None = None, *, estimates: bool = False
+) -> dict[str, str]:
     """Return the metadata that `hof-model export` writes beside the graph."""
     framing = {"size": SIZE, "foreground_ratio": 0.85}
     entries = {
@@ -34,7 +37,8 @@ def metadata(spec: MappingSpec = SPEC, name: str = "tiny-k2", color_spec: Mappin
         "hof.framing": json.dumps(framing),
         "hof.card": json.dumps(CARD | {"name": name}),
     }
-    return entries | ({"hof.color_spec": color_spec.to_json()} if color_spec else {})
+    entries |= {"hof.color_spec": color_spec.to_json()} if color_spec else {}
+    return entries | ({"hof.estimates": "1"} if estimates else {})
 
 
 def parameters(spec: MappingSpec = SPEC) -> tuple[Array, Array]:
@@ -49,19 +53,32 @@ def color_parameters(spec: MappingSpec = COLOR_SPEC) -> tuple[Array, Array]:
     return 3 * matrix, 3 * b
 
 
+def estimate_parameters() -> dict[str, tuple[Array, Array]]:
+    """Return W and b of each estimate: the confidence is the mean red; the camera's first angle grows with blue."""
+    confidence = np.array([[1], [0], [0]], np.float32), np.zeros(1, np.float32)
+    camera = np.array([[0, 0, 0, 0], [0, 30, 1, 5], [90, 0, 0, 0]], np.float32), np.array([0, 10, 2, -2], np.float32)
+    return {"shape_confidence": confidence, "camera": camera}
+
+
 def build(
     path: Path,
     spec: MappingSpec = SPEC,
     *,
     color_spec: MappingSpec | None = None,
+    estimates: bool = False,
     meta: dict[str, str] | None = None,
     bias: float = 0.0,
     batch: str | int = "batch",
     output: str = "theta",
     trips: int = 0,
 ) -> Path:
-    """Write the model. `color_spec` adds colors, `trips` the nodes of `_trouble`; the others make it wrong in a way."""
+    """Write the model.
+
+    `color_spec` adds colors, `estimates` its estimates, `trips` the nodes of `_trouble`; the others make it wrong in a
+    way.
+    """
     heads = {output: parameters(spec)} | ({"color": color_parameters(color_spec)} if color_spec else {})
+    heads |= estimate_parameters() if estimates else {}
     outputs = {name: "plain" if trips and name == output else name for name in heads}
     nodes = [
         helper.make_node("GlobalAveragePool", ["image"], ["pooled"]),  # (b, 3, 1, 1)
@@ -82,7 +99,7 @@ def build(
         [numpy_helper.from_array(np.asarray(array), name) for name, array in tensors.items()],
     )
     model: Any = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
-    helper.set_model_props(model, metadata(spec, color_spec=color_spec) if meta is None else meta)
+    helper.set_model_props(model, metadata(spec, color_spec=color_spec, estimates=estimates) if meta is None else meta)
     onnx.checker.check_model(model)
     onnx.save(model, str(path))
     return path

@@ -39,12 +39,13 @@ export function showWords(objects, labels, about) {
   words.style.setProperty("--columns", stage?.grid.columns ?? 2);
 }
 
-function describe({ kind, model, spec, bytes, dimensions, created_at: created }) {
+function describe({ kind, model, spec, bytes, dimensions, shape_confidence: fit, created_at: created }) {
   const numbers = (bytes / 4).toLocaleString("en");
   const when = new Date(created).toLocaleString("en-GB", { dateStyle: "medium", timeStyle: "short" });
   const sides = dimensions?.map((side) => side.toFixed(2)).join(" × "); // lists lack those of older objects
   const size = sides ? `, ${sides} (width, height, depth)` : "";
-  return `${numbers} numbers (${spec.name}, k = ${spec.k}, of ${model}), ${kind} ${when}${size}`;
+  const likely = fit === undefined ? "" : `; expected fit of the shape: ${Math.round(100 * fit)}%`;
+  return `${numbers} numbers (${spec.name}, k = ${spec.k}, of ${model}), ${kind} ${when}${size}${likely}`;
 }
 
 function label(object, text) {

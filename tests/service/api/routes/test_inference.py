@@ -185,7 +185,7 @@ def test_infer_with_a_faulty_input_names_it(client: httpx.Client, changes: dict[
         ({"inputs": []}, "inputs"),
         ({"inputs": _asked()["inputs"] * 2}, "inputs"),
         ({"outputs": [{"name": "color"}]}, "outputs[0].name"),
-        ({"outputs": [{"name": "theta"}] * 3}, "outputs"),
+        ({"outputs": [{"name": "theta"}] * 5}, "outputs"),
         ({"output": []}, "output"),
     ],
 )

@@ -1,0 +1,52 @@
+"""Estimates of an encoder: in the encoder's answer, as text, and in files of other versions."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from service.encoding.encoder import Encoder
+from service.encoding.estimates import Camera, Estimates
+from service.errors import InvalidModel
+from tests.support.small import model as tiny_model
+
+
+def test_encode_with_estimates_gives_the_same_theta_and_estimates_per_image(model_path: Path, tmp_path: Path) -> None:
+    images = np.random.default_rng(0).random((3, 3, tiny_model.SIZE, tiny_model.SIZE), np.float32)
+    plain = Encoder.open(model_path, threads=1)
+    encoder = Encoder.open(tiny_model.build(tmp_path / "tiny-k2.onnx", estimates=True), threads=1)
+    assert (plain.makes_estimates, encoder.makes_estimates) == (False, True)
+    assert encoder.outputs == plain.outputs | {"shape_confidence": [1], "camera": [4]}
+    for image, one, other in zip(images, plain.encode(images), encoder.encode(images), strict=True):
+        np.testing.assert_array_equal(other.theta, one.theta)
+        assert one.estimates is None
+        assert other.estimates
+        red, green, blue = image.mean(axis=(1, 2)).tolist()
+        camera = other.estimates.camera
+        assert other.estimates.shape_confidence == pytest.approx(red, abs=1e-5)
+        assert (camera.azimuth, camera.elevation) == pytest.approx((90 * blue, 30 * green + 10), abs=1e-3)
+        assert (camera.distance, camera.roll) == pytest.approx((green + 2, 5 * green - 2), abs=1e-4)
+
+
+def test_estimates_as_text_are_read_back() -> None:
+    estimates = Estimates(0.123456, Camera(-12.345, 5, 2.71828, 0.04)).rounded()
+    assert estimates == Estimates(0.123, Camera(-12.3, 5, 2.72, 0.0))
+    assert Estimates.from_json(estimates.to_json()) == estimates
+    assert str(estimates).startswith("shape confidence 0.123; camera at azimuth -12.3, elevation 5, roll 0.0 degrees")
+
+
+@pytest.mark.parametrize(
+    ("estimates", "declared", "message"),
+    [
+        (True, "2", r"estimates have version 2, this version of hof reads 1: install a newer hof"),
+        (False, "1", r"its output is theta and shape_confidence and camera, by its graph theta"),
+        (True, None, r"its output is theta, by its graph theta, shape_confidence, camera"),
+    ],
+)
+def test_open_of_metadata_that_disagree_with_the_estimates_is_refused(
+    tmp_path: Path, estimates: bool, declared: str | None, message: str
+) -> None:
+    meta = tiny_model.metadata() | ({"hof.estimates": declared} if declared else {})
+    path = tiny_model.build(tmp_path / "tiny-k2.onnx", estimates=estimates, meta=meta)
+    with pytest.raises(InvalidModel, match=message):
+        Encoder.open(path, threads=1)
