@@ -26,7 +26,7 @@ MAX_HEAD_BYTES: Final = 65_536  # of a request's target and header fields
 PUNCTUATION: Final = 4  # bytes of a field besides name and value: a colon, a space, CR and LF
 MIN_CHUNK_BYTES: Final = 256  # average of a chunked body: each chunk costs the event loop as much as many bytes
 FREE_CHUNKS: Final = 256  # that may be smaller
-MAX_FRAMING_BYTES: Final = 2 * MAX_HEAD_BYTES  # chunk sizes, extensions and trailers, besides an eighth of the body
+MAX_FRAMING_BYTES: Final = 16_384  # chunk sizes and extensions, besides an eighth of the body
 
 
 def http_protocol(client_timeout_s: float) -> type[asyncio.Protocol]:
@@ -65,7 +65,7 @@ class LimitedHttpProtocol(UnreadAnswerTimeout):
         self._error: HofError | None = None  # ended the parsing
         self._is_upgrade = False  # the head asks for another protocol: it is parsed again without that
         self._is_in_body = False  # the head is complete
-        self._body_bytes = self._wire_bytes = self._chunks = 0  # of this body; wire: with its framing
+        self._body_bytes = self._wire_bytes = self._chunks = 0  # of this body; wire: with its framing, without trailers
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Wait for the first head."""
@@ -120,7 +120,9 @@ class LimitedHttpProtocol(UnreadAnswerTimeout):
     def on_header(self, name: bytes, value: bytes) -> None:
         """Take a field of the head, drop one of the trailers. Raises HeadTooLarge, which ends the parsing."""
         self._count(len(name) + len(value) + PUNCTUATION)
-        if not self._is_in_body:
+        if self._is_in_body:
+            self._wire_bytes -= len(name) + len(value) + PUNCTUATION  # trailers have a limit of their own
+        else:
             super().on_header(name, value)
 
     def on_headers_complete(self) -> None:

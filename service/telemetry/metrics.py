@@ -65,7 +65,7 @@ class Metrics:
         self._unserved = Counter(
             "hof_http_unserved",
             "Requests that were not served: shed under load, limited by rate, cancelled by the client, failed by an "
-            "error of the service",
+            "error of the service; a 503, while it starts or stops or its database is out, counts in none",
             ["reason"],
             registry=own,
         )

@@ -75,7 +75,7 @@ class Observe:
             self._metrics.count_unserved("cancelled")
         elif status == 429:
             self._metrics.count_unserved("limited" if context.is_rate_limited else "shed")
-        elif status >= 500 and status != 503:  # 503: the service starts or stops, which is no fault
+        elif status >= 500 and status != 503:  # 503: it starts or stops, or its database is out
             self._metrics.count_unserved("failed")
         if not logger.isEnabledFor(logging.INFO):
             return

@@ -5,7 +5,7 @@ from typing import Final
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.api.context import context_of
+from service.api.context import client_of, context_of
 from service.api.problems import respond
 from service.errors import Overloaded
 from service.runtime.admission import Gate
@@ -40,7 +40,7 @@ class SendInPieces:
             body, is_whole = message.get("body", b""), start is not None and not message.get("more_body", False)
             if is_whole and len(body) > PIECE:
                 try:
-                    with self._gate.admit(len(body)):
+                    with self._gate.admit(len(body), client_of(scope)):
                         await send_all(message)
                 except Overloaded as error:
                     await respond(error)(scope, receive, send)

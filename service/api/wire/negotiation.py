@@ -34,7 +34,7 @@ def negotiate(accept: str | None, formats: Collection[Format]) -> Format:
         if q > 0
     ]
     if not ranked:
-        offered = ", ".join(fmt.media_type for fmt in formats)
+        offered = ", ".join(dict.fromkeys(fmt.media_type for fmt in formats))
         raise NotAcceptable(f"the Accept header allows none of {offered}", field="Accept")
     return max(ranked, key=lambda candidate: candidate[:3])[3]  # max keeps the first of equals
 

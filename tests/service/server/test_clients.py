@@ -99,19 +99,27 @@ def test_client_that_drips_uploads_leaves_room_for_others(url: str) -> None:
         assert ask(url, photo_request(), source=OTHER).status == 201
 
 
-def test_client_that_reads_slowly_leaves_room_for_others(url: str) -> None:
-    link = httpx.post(f"{url}/encode", content=PHOTO, timeout=DEADLINE_S).json()["links"]["points"]
-    stream = f"GET {link}?n=10000000&format=f32 HTTP/1.1\r\nHost: x\r\n\r\n".encode()
+@pytest.mark.parametrize(
+    ("large", "small"),
+    [
+        ("points?n=10000000&format=f32", "points?n=1000&format=f32"),
+        ("mesh?resolution=100&format=obj", "mesh?resolution=16&format=obj"),
+    ],
+    ids=["points", "mesh"],
+)
+def test_client_that_reads_slowly_leaves_room_for_others(url: str, large: str, small: str) -> None:
+    link = httpx.post(f"{url}/encode", content=PHOTO, timeout=DEADLINE_S).json()["links"]["self"]
+    request = f"GET {link}/{large} HTTP/1.1\r\nHost: x\r\n\r\n".encode()
     statuses = []
     with ExitStack() as stack:
         for _ in range(40):
             connection = stack.enter_context(connect_to(url))
             connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4_096)
-            connection.sendall(stream)
+            connection.sendall(request)
             statuses.append(connection.recv(12)[-3:])
             if statuses[-1] == b"429":
                 break
         assert statuses[0] == b"200"
         assert statuses[-1] == b"429"
-        small = f"GET {link}?n=1000&format=f32 HTTP/1.1\r\nHost: x\r\n\r\n".encode()
-        assert ask(url, small, source=OTHER).status == 200
+        request = f"GET {link}/{small} HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n".encode()
+        assert ask(url, request, source=OTHER).status == 200

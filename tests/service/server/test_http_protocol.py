@@ -88,6 +88,13 @@ def test_trailers_over_the_limit_are_431(server: Server) -> None:
         check_problem(rest(connection), 431, "Head too large")
 
 
+def test_trailers_within_the_limit_are_dropped_and_are_no_framing(server: Server) -> None:
+    with connect(server) as connection:
+        head = b"POST /encode HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: chunked\r\n\r\n"
+        connection.sendall(head + b"5\r\nhello\r\n0\r\n" + 60 * FILLER + b"\r\n")
+        assert next_status(connection) == 415
+
+
 @pytest.mark.parametrize("data", [b"", LINE, LINE + b"a: b", b"\r\n\r\n"])
 def test_head_that_is_too_slow_ends_the_connection(impatient: Server, data: bytes) -> None:
     with connect(impatient) as connection:

@@ -181,6 +181,7 @@ def test_call_past_the_servers_statement_timeout_answers_503(
             assert (answer.status_code, answer.json()["title"]) == (503, "Store unavailable")
             assert _is_ready(client)
         assert client.get("/objects").status_code == 200
+        assert 'hof_http_unserved_total{reason="failed"} 0.0' in client.get("/metrics").text
     assert "Traceback" not in (tmp_path / "log").read_text()
 
 

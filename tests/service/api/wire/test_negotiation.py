@@ -50,3 +50,9 @@ def test_negotiate_with_an_acceptable_format_returns_the_preferred(accept: str |
 def test_negotiate_without_an_acceptable_format_raises_not_acceptable(accept: str) -> None:
     with pytest.raises(NotAcceptable, match="model/gltf-binary"):
         negotiate(accept, FORMATS)
+
+
+def test_negotiate_of_formats_with_one_media_type_names_it_once() -> None:
+    with pytest.raises(NotAcceptable) as raised:
+        negotiate("image/png", FORMATS)
+    assert raised.value.detail.count("application/octet-stream") == 1
