@@ -18,6 +18,7 @@ from service.api.middleware.security_headers import SECURE
 from service.api.problems import respond
 from service.errors import HeadTooLarge, HofError, InvalidInput, Stalled
 from service.server.http_head import check_framing, check_host, check_version, combine, without_upgrade
+from service.server.lingering import LingeringTransport, close_later
 from service.server.unread_answers import UnreadAnswerTimeout
 
 logger: Final = logging.getLogger("hof.access")
@@ -166,10 +167,20 @@ class LimitedHttpProtocol(UnreadAnswerTimeout):
             self._refuse(self._error or InvalidInput(msg))
 
     def _start_asgi_task(self, cycle: RequestResponseCycle, app: ASGIApp) -> None:  # type: ignore[override]
+        cycle.transport = cast(asyncio.Transport, LingeringTransport(self.transport, self._end))
         if cycle.scope["http_version"] == "1.0":
             cycle.waiting_for_100_continue = False
             app = partial(_without_chunks, app, cycle)
         super()._start_asgi_task(cycle, app)  # type: ignore[arg-type]
+
+    def _end(self) -> None:
+        """Close the connection after its last answer; later if the client still sends."""
+        if self._is_in_body:
+            self._ignores_input = True
+            self.flow.resume_reading()
+            close_later(self.transport)
+        else:
+            self.transport.close()
 
     def _parse(self, data: bytes) -> None:
         """Parse the data. A head that asks for another protocol is parsed again without that, before its body."""

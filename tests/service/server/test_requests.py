@@ -1,6 +1,7 @@
 """Requests that no ordinary client sends, over a raw socket at `hof serve`: none is misread or smuggles another."""
 
 import json
+import socket
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from PIL import Image
 
 from service.api.keys import make_key
 from service.server.http_protocol import FREE_CHUNKS, MAX_FRAMING_BYTES, MIN_CHUNK_BYTES
+from service.settings import MIB
 from tests.support.photos import disc, image_file
 from tests.support.processes import Served, hof_serve
 from tests.support.raw_sockets import ask, connect_to, next_answer
@@ -49,6 +51,12 @@ def logged(folder: Path) -> list[dict[str, object]]:
     """Return the entries of the access log."""
     lines = (folder / "log").read_text().rpartition("\n")[0].splitlines()
     return [entry for entry in map(json.loads, lines) if "route" in entry]
+
+
+def send_without_end(connection: socket.socket) -> None:
+    """Send until the server ends the connection. Raises ConnectionError then."""
+    while True:
+        connection.sendall(bytes(MIB))
 
 
 def framed(body: bytes, framing: str) -> tuple[bytes, bytes]:
@@ -218,6 +226,27 @@ def test_body_with_a_framing_fault_is_logged_400(served: Served, folder: Path) -
     assert ask(served.url, CHUNKED, b"nonsense\r\n").status == 400
     until(lambda: len(logged(folder)) > begin)
     assert [entry["status"] for entry in logged(folder)[begin:]] == [400]
+
+
+# --- bodies that are not read ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("path", ["/encode", "/objects"])
+def test_client_that_reads_after_it_has_sent_gets_the_refusal_of_its_body(served: Served, path: str) -> None:
+    body = bytes(40 * MIB)
+    with connect_to(served.url) as connection:
+        connection.sendall(f"POST {path} HTTP/1.1\r\nHost: x\r\nContent-Length: {len(body)}\r\n\r\n".encode())
+        connection.sendall(body)
+        answer = next_answer(connection)
+    assert (answer.status, answer.headers["connection"]) == (413, "close")
+
+
+def test_client_that_sends_on_after_a_refusal_is_cut_off(served: Served) -> None:
+    with connect_to(served.url) as connection:
+        connection.sendall(b"POST /encode HTTP/1.1\r\nHost: x\r\nContent-Length: 1000000000000\r\n\r\n")
+        assert next_answer(connection).status == 413
+        with pytest.raises(ConnectionError):
+            send_without_end(connection)
 
 
 # --- keys ---------------------------------------------------------------------------------------------
