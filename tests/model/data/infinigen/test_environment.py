@@ -59,7 +59,10 @@ def test_interpreter_without_python_3_11_says_so(tmp_path: Path, monkeypatch: py
 
 
 def test_interpreter_failed_install_shows_what_pip_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(environment, "_python", lambda: sys.executable)
+    venv = tmp_path / "python"  # in place of a Python: its venv has the Python of these tests
+    venv.write_text(f"#!/bin/sh\nmkdir -p $4/bin && ln -s {sys.executable} $4/bin/python\n")
+    venv.chmod(0o755)
+    monkeypatch.setattr(environment, "_python", lambda: str(venv))
     monkeypatch.setattr(environment, "ALONE", ("/no/such/package",))
     with pytest.raises(ChildProcessError, match="/no/such/package"):
         environment.interpreter(tmp_path / "new")

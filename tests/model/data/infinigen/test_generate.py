@@ -6,7 +6,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from collections import namedtuple
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,6 +18,7 @@ from model.data.infinigen.generate import FAILURES, MOST_IN_A_ROW, PER_WORKER
 from model.data.sources.listed import mesh_records
 from model.data.sources.meshes import turn
 from tests.support import ROOT
+from tests.support.slow import until
 from tests.support.small import fake_infinigen
 
 FAKE = Path(fake_infinigen.__file__)
@@ -193,9 +193,7 @@ def test_infinigen_command_interrupted_lists_what_it_made(fake: Fake, flags: lis
     fake.behave(all="slow")
     with subprocess.Popen([sys.executable, "-m", "model.cli.main", *flags, "--count", "200"], cwd=ROOT) as process:
         try:
-            until = time.monotonic() + 60
-            while len(fake.numbers) < 3 and time.monotonic() < until:
-                time.sleep(0.1)
+            until(lambda: len(fake.numbers) >= 3)
             process.send_signal(signal.SIGINT)
             assert process.wait(30) != 0
         finally:
