@@ -14,7 +14,7 @@ GLTF := tests/support/gltf/node_modules/.package-lock.json
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo serve check quick test lint bench load soak results gpu-check openapi lock clean
+.PHONY: help demo serve check quick test lint bench load soak results paper gpu-check openapi lock clean
 
 demo serve: export U2NET_HOME ?= $(dir $(MATTING))
 

@@ -4,7 +4,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from model.cli import data, evaluate, train
+from model.cli import data, evaluate, paper, train
 from service.errors import HofError
 
 
@@ -25,6 +25,7 @@ def _parser() -> argparse.ArgumentParser:
     data.add_stages(stages.add_parser("data", help="build or look at a data set").add_subparsers(required=True))
     train.add_stages(stages)
     evaluate.add_stages(stages)
+    paper.add_stage(stages)
     return parser
 
 

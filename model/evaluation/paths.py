@@ -7,5 +7,6 @@ RESULTS: Final = Path("model/results")  # records of exported models and of the 
 COLOR: Final = RESULTS / "color"
 COMPARED: Final = RESULTS / "compared"  # methods that `hof-model retrain` trains and measures
 MIXTURES: Final = RESULTS / "mixtures"
+PAPER: Final = RESULTS / "paper"  # experiments of `hof-model paper`
 RUNS: Final = RESULTS / "runs"  # runs of model/LAB.md
 SURFACES: Final = RESULTS / "surfaces.json"

@@ -4,7 +4,6 @@ The search is Dijkstra's with integer lengths, one array operation for all cells
 Its paths are as short as those of A*. SciPy's graph search would add 143 MB to the service, half of its size.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Final
@@ -59,49 +58,51 @@ DIAGONAL: Final = _moves({1: 3, 2: 4, 3: 5})  # Borgefors' chamfer lengths: at m
 
 
 def search(
-    free: Mask,
-    start: tuple[int, int, int],
-    goal: tuple[int, int, int],
-    moves: Moves = DIAGONAL,
-    ties: np.random.Generator | None = None,
+    free: Mask, start: tuple[int, int, int], goal: tuple[int, int, int], moves: Moves = DIAGONAL
 ) -> Cells | None:
-    """Return the cells of a shortest path, (m, 3), start and goal included; None if there is none.
+    """Return the cells of a shortest path, as `Graph.path` does."""
+    return Graph(free, moves).path(start, goal)
+
+
+class Graph:
+    """The free cells of a grid, and the moves between them. Any number of paths may be searched in it.
 
     Parameters
     ----------
-    free : (n, n, n) bool; start and goal are free.
-    ties : chooses among paths of the same length, step by step; by default the first in the order of the moves.
+    free : (n, n, n) bool.
     """
-    graph = _Graph(free, moves)
-    source, target = graph.index(start), graph.index(goal)
-    distance = graph.distances(source, target)
-    if distance[target] == FAR:
-        return None
-    path = [target]
-    while path[-1] != source:
-        before = graph.before(path[-1], distance)
-        path.append(int(before[0] if ties is None else ties.choice(before)))
-    return graph.cells(path[::-1])
 
-
-class _Graph:
-    """Free cells, numbered, inside a border of blocked ones, so that each has all its neighbors."""
-
-    def __init__(self, free: Mask, moves: Moves) -> None:
-        self._side = len(free) + 2
+    def __init__(self, free: Mask, moves: Moves = DIAGONAL) -> None:
+        self._side = len(free) + 2  # inside a border of blocked cells, so that each has all its neighbors
         self._strides = np.array([self._side**2, self._side, 1])
         self._open_around = _open_around(np.pad(free, 1).ravel(), _BOX @ self._strides)
         self._groups = [(length, moves.steps[at] @ self._strides, moves.needs[at]) for length, at in moves.groups]
 
-    def index(self, cell: tuple[int, int, int]) -> int:
+    def path(
+        self, start: tuple[int, int, int], goal: tuple[int, int, int], ties: np.random.Generator | None = None
+    ) -> Cells | None:
+        """Return the cells of a shortest path, (m, 3), start and goal included; None if there is none.
+
+        Parameters
+        ----------
+        start, goal : free cells.
+        ties : chooses among paths of the same length, step by step; by default the first in the order of the moves.
+        """
+        source, target = self._number(start), self._number(goal)
+        distance = self._distances(source, target)
+        if distance[target] == FAR:
+            return None
+        path = [target]
+        while path[-1] != source:
+            before = self._before(path[-1], distance)
+            path.append(int(before[0 if ties is None else ties.integers(len(before))]))
+        return np.stack(np.unravel_index(path[::-1], (self._side,) * 3), axis=1) - 1
+
+    def _number(self, cell: tuple[int, int, int]) -> int:
         """Return the number of a cell."""
         return int((np.array(cell) + 1) @ self._strides)
 
-    def cells(self, numbers: Sequence[int]) -> Cells:
-        """Return the cells with these numbers, (m, 3)."""
-        return np.stack(np.unravel_index(numbers, (self._side,) * 3), axis=1) - 1
-
-    def distances(self, source: int, target: int) -> Integers:
+    def _distances(self, source: int, target: int) -> Integers:
         """Return lengths of shortest paths from the source, by cells' numbers: exact up to the target's."""
         distance = np.full(self._side**3, FAR, np.int32)
         distance[source] = 0
@@ -118,7 +119,7 @@ class _Graph:
                     waiting.setdefault(length + step, []).append(reached)
         return distance
 
-    def before(self, cell: int, distance: Integers) -> Integers:
+    def _before(self, cell: int, distance: Integers) -> Integers:
         """Return the cells from which a shortest path enters a cell."""
         entered = []
         for step, offsets, needs in self._groups:  # each move has its reverse

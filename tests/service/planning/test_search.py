@@ -10,7 +10,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from service.planning.grid import Cells, Mask
-from service.planning.search import DIAGONAL, RECTILINEAR, Moves, search
+from service.planning.search import DIAGONAL, RECTILINEAR, Graph, Moves, search
 
 SIDE = 6
 START, GOAL = (0, 0, 0), (SIDE - 1, SIDE - 1, SIDE - 1)
@@ -85,7 +85,8 @@ def test_search_diagonally_cuts_no_corner() -> None:
 
 def test_search_with_ties_takes_other_paths_of_the_same_length() -> None:
     free = np.ones((8, 8, 8), np.bool_)
-    paths = [search(free, (0, 0, 0), (7, 7, 7), RECTILINEAR, np.random.default_rng(seed)) for seed in (1, 1, 2)]
+    graph = Graph(free, RECTILINEAR)
+    paths = [graph.path((0, 0, 0), (7, 7, 7), np.random.default_rng(seed)) for seed in (1, 1, 2)]
     first, same, other = (path.tolist() for path in paths if path is not None)
     assert first == same != other
     assert len(first) == len(other) == 22

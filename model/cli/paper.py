@@ -1,0 +1,55 @@
+"""`hof-model paper`: experiments of the paper, and the page that reports them."""
+
+import argparse
+from pathlib import Path
+from typing import Final
+
+from model.cli.common import ROOT, SHIPPED, SPLITS, add_data, add_seed
+
+PATHS: Final = "paths"
+PAGE: Final = "page"
+
+
+def add_stage(stages: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the stage: each experiment sets `run`, a function of the parsed arguments."""
+    stage = stages.add_parser("paper", help="repeat an experiment of the paper, and write PAPER.md")
+    experiments = stage.add_subparsers(required=True, metavar="NAME")
+    page = experiments.add_parser(PAGE, help="write PAPER.md from the records alone")
+    page.set_defaults(run=_page)
+    _add_out(page)
+    paths = experiments.add_parser(PATHS, help="collision-free paths, planned on predictions, checked on the truth")
+    paths.set_defaults(run=_paths)
+    add_data(paths)
+    add_seed(paths)
+    paths.add_argument("--model", type=Path, default=SHIPPED, help="exported encoder; default: the shipped one")
+    paths.add_argument(
+        "--run",
+        type=Path,
+        action="append",
+        default=[],
+        dest="folders",
+        help="a run of `hof-model train` to measure, too; repeat for several",
+    )
+    paths.add_argument("--split", choices=SPLITS, default="test", help="split to measure on; default: test")
+    _add_out(paths)
+
+
+def _add_out(stage: argparse.ArgumentParser) -> None:
+    stage.add_argument(
+        "-o", "--out", type=Path, default=ROOT, help="folder that receives PAPER.md and model/results/paper"
+    )
+
+
+def _page(arguments: argparse.Namespace) -> None:
+    from model.report.paper.page import write
+
+    print(write(arguments.out))
+
+
+def _paths(arguments: argparse.Namespace) -> None:
+    from model.evaluation.paper.navigation import EXPERIMENT, measure_paths
+    from model.report.paper.page import record_path, write
+
+    record = measure_paths(arguments.model, arguments.data, arguments.split, arguments.seed, tuple(arguments.folders))
+    record.write(record_path(arguments.out, EXPERIMENT))
+    print(write(arguments.out))

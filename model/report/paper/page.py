@@ -1,0 +1,44 @@
+"""Assemble PAPER.md from the records of experiments."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Final
+
+from model.evaluation.paper.navigation import EXPERIMENT as PATHS
+from model.evaluation.paper.record import PaperRecord
+from model.evaluation.paths import PAPER
+from model.report.paper import navigation
+from service.files import whole_file
+
+PAGE: Final = "PAPER.md"
+SECTIONS: Final[Mapping[str, Callable[[PaperRecord], str]]] = {PATHS: navigation.section}  # by experiment, in order
+
+HEAD: Final = """# The paper's experiments on our data
+
+Experiments of Mitchell et al., *Higher-Order Function Networks for Learning Composable 3D Object Representations*
+(2020), repeated on the open data of [docs/training.md](docs/training.md). `hof-model paper NAME` runs one and writes
+its record below `model/results/paper/`; `make paper` writes this page from the records. The paper's own figures are of
+another data set and scale: compare orders and differences, not values. Table 1 is in [RESULTS.md](RESULTS.md)."""
+
+
+def write(root: Path) -> Path:
+    """Write the page below `root` from the records there; return its path. An experiment without a record is left out.
+
+    Raises
+    ------
+    ValueError : a record is damaged.
+    """
+    parts = [HEAD]
+    for experiment, section in SECTIONS.items():
+        path = record_path(root, experiment)
+        if path.is_file():
+            parts.append(section(PaperRecord.read(path)))
+    page = root / PAGE
+    with whole_file(page) as file:
+        file.write(("\n\n".join(parts) + "\n").encode())
+    return page
+
+
+def record_path(root: Path, experiment: str) -> Path:
+    """Return the path of an experiment's record."""
+    return root / PAPER / f"{experiment}.json"
