@@ -23,7 +23,7 @@ from model.data.manifest import Split
 from model.evaluation.classes import class_of
 from model.evaluation.comparison import ELLIPSOID, ORACLE, RETRIEVAL
 from model.evaluation.conditions import png
-from model.evaluation.evaluate import PREDICTED_POINTS, VIEWS, Case, cases, draw, encode_photo
+from model.evaluation.evaluate import PREDICTED_POINTS, VIEWS, Case, cases, draw, encode_photo, in_threads
 from model.evaluation.paper.record import PaperRecord, Trial, rounded
 from model.evaluation.references import Retrieval, Training, matched_ellipsoid
 from model.provenance import provenance
@@ -72,11 +72,13 @@ def measure_paths(model: Path, data: Path, split: Split, seed: int = 0, runs: Se
     """
     encoder, objects = Encoder.open(model, threads=1), list(cases(data, split))
     sources = [_references(data, seed), _encoded(encoder), *(_trained(run, seed) for run in runs)]
-    jobs = []
-    for case in tqdm(objects, desc="predictions", unit="object"):
+
+    def job(case: Case) -> Job:
         photo = png(case.views[VIEWS[0]])
         shapes = {name: points for source in sources for name, points in source(case, photo).items()}
-        jobs.append(job_of(case.points, shapes, (seed, *case.entry.id.encode())))
+        return job_of(case.points, shapes, (seed, *case.entry.id.encode()))
+
+    jobs = in_threads(job, objects, "predictions")
     setting = {
         "split": split,
         "objects": len(objects),
