@@ -7,6 +7,7 @@ with Client("http://localhost:8080") as client:
 
 from hof_client.answers import (
     Box,
+    Camera,
     ComposedObjects,
     EncodedObject,
     EncodedWeights,
@@ -59,6 +60,7 @@ from hof_client.version import __version__
 __all__ = [
     "AsyncClient",
     "Box",
+    "Camera",
     "Client",
     "ColoredPoints",
     "ComposedObjects",

@@ -63,6 +63,24 @@ class ImageReport:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Camera:
+    """The camera that took the photo, as the model sees it. It looks at the object's center, in the object frame.
+
+    Attributes
+    ----------
+    azimuth : degrees from the front (+Z) toward +X: 0 sees the front, 90 the side at +X, 180 the back.
+    elevation : degrees above the object's horizontal plane.
+    distance : from the object's center, in its longest sides.
+    roll : degrees that the camera is turned clockwise; the object in the photo is turned the other way.
+    """
+
+    azimuth: float
+    elevation: float
+    distance: float
+    roll: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class Links:
     """Paths of an object and of its files, from the service's root."""
 
@@ -88,6 +106,9 @@ class StoredObject:
         version of the service, until they are read.
     frame : bounding box in the function's own numbers; None as `dimensions`.
     image : of an encoded object, the report on its photo.
+    shape_confidence : expected F-score at 2% of the longest side against the true object, 0 to 1; None unless the
+        object was encoded by a model that estimates it. `image.confidence` is that of the mask.
+    camera : the camera that took the photo; None as `shape_confidence`.
     """
 
     id: str
@@ -102,6 +123,8 @@ class StoredObject:
     dimensions: tuple[float, float, float] | None = None
     frame: Box | None = None
     image: ImageReport | None = None
+    shape_confidence: float | None = None
+    camera: Camera | None = None
     links: Links
 
 
@@ -131,6 +154,8 @@ class EncodedWeights:
     dimensions: tuple[float, float, float]
     frame: Box
     image: ImageReport
+    shape_confidence: float | None = None
+    camera: Camera | None = None
     weights: Array = field(compare=False)
     color_weights: Array | None = field(default=None, compare=False)
 
