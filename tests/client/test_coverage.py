@@ -9,7 +9,7 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 import numpy as np
 import pytest
 
-from hof_client import AsyncClient, Client, answers, calls
+from hof_client import AsyncClient, Client, answers, calls, inference_answers
 from hof_client.request import Request
 from tests.support import ROOT
 
@@ -31,7 +31,12 @@ VALUES: Mapping[str, Any] = {
     "name": "hof1-k2",
     "images": np.zeros((1, 3, 4, 4), np.float32),
 }
-ANSWERS = {name: kind for name, kind in vars(answers).items() if dataclasses.is_dataclass(kind)}
+ANSWERS = {
+    name: kind
+    for module in (answers, inference_answers)
+    for name, kind in vars(module).items()
+    if dataclasses.is_dataclass(kind)
+}
 
 
 def _builders(client: type) -> dict[str, Callable[..., Any]]:

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from hof_client.answers import Array, InferenceModel, InferenceServer, Live, ModelConfig, ModelReady, ServerReady
+from hof_client.answers import Array
 from hof_client.bodies import Whole, json_reader
+from hof_client.inference_answers import InferenceModel, InferenceServer, Live, ModelConfig, ModelReady, ServerReady
 from hof_client.request import Call, Request
 
 HEADER_LENGTH = "Inference-Header-Content-Length"
