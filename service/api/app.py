@@ -26,7 +26,7 @@ from service.api.middleware.query import CheckQuery
 from service.api.middleware.security_headers import SecurityHeaders, with_cors
 from service.api.middleware.slow_clients import SlowClientTimeout
 from service.api.openapi import openapi_text
-from service.api.responses import RETRY_AFTER, Problem, Responses
+from service.api.responses.errors import RETRY_AFTER, Problem, Responses
 from service.api.routes import (
     compose,
     encode,

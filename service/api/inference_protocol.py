@@ -6,14 +6,15 @@ gives the length of the JSON. https://github.com/kserve/open-inference-protocol
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import chain
-from typing import Annotated, Any, Final, Literal, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, FailFast, Field, ValidationError
+from pydantic import ValidationError
 from pydantic_core import from_json
 
+from service.api.inference_messages import InferenceRequest, Input, Output
 from service.api.problems import field_errors
 from service.encoding.encoder import Encoded, Encoder
 from service.encoding.estimates import CAMERA, SHAPE_CONFIDENCE
@@ -27,126 +28,6 @@ JSON_NUMBER_BYTES: Final = 24  # a number and its comma: a double has 17 digits,
 JSON_OVERHEAD_BYTES: Final = 16_384  # everything but the numbers
 OUT_OF_RANGE: Final = "inputs[0]: its numbers must be finite and lie in [0, 1]"
 MAX_MEMBERS: Final = 1_024  # members of all objects in the JSON, and its lists and elements beside the numbers
-
-CHANNELS: Final = (
-    "Channels are red, green, blue, each a plane of rows from the top; sRGB levels divided by 255, so 0 to 1. The "
-    "object stands over white, centered; its longer side fills the share `foreground_ratio` of the square (`/model` "
-    "has it and the size)"
-)
-
-
-class _Part(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True)
-
-
-class InputParameters(_Part):
-    """Parameters of an input."""
-
-    binary_data_size: int | None = Field(default=None, description="bytes of the tensor after the JSON")
-
-
-class Input(_Part):
-    """The input tensor: the images."""
-
-    name: Literal["image"]
-    shape: Annotated[list[int], FailFast()] = Field(description="(b, 3, size, size); `/v2/models/{name}` has the size")
-    datatype: Literal["FP32"]
-    parameters: InputParameters = InputParameters()
-    data: list[Any] | None = Field(default=None, description=f"flat or nested. {CHANNELS}")
-
-
-class OutputParameters(_Part):
-    """Parameters of an output."""
-
-    binary_data: bool | None = Field(default=None, description="send the output as bytes after the JSON, not in it")
-
-
-class Output(_Part):
-    """A requested output."""
-
-    name: str
-    parameters: OutputParameters = OutputParameters()
-
-
-class RequestParameters(BaseModel):
-    """Parameters of the whole request; unknown hints such as `priority` are ignored."""
-
-    model_config = ConfigDict(strict=True)
-
-    binary_data_output: bool = Field(default=False, description="`binary_data` of the outputs that do not set it")
-
-
-class InferenceRequest(_Part):
-    """The JSON of a request."""
-
-    id: str | None = Field(default=None, max_length=200)
-    parameters: RequestParameters = RequestParameters()
-    inputs: Annotated[list[Input], Field(min_length=1, max_length=1)]
-    outputs: Annotated[list[Output], Field(max_length=4)] = []
-
-
-class InferenceServer(BaseModel):
-    """The service, in the terms of the Open Inference Protocol."""
-
-    name: str = Field(examples=["hof"])
-    version: str
-    extensions: list[str]
-
-
-class Live(BaseModel):
-    """The process answers."""
-
-    live: Literal[True]
-
-
-class ServerReady(BaseModel):
-    """The service is ready."""
-
-    ready: Literal[True]
-
-
-class ModelReady(BaseModel):
-    """A model is ready."""
-
-    name: str = Field(examples=["hof1-k2"])
-    ready: Literal[True]
-
-
-class Tensor(BaseModel):
-    """An input or an output of a model."""
-
-    name: str = Field(examples=["image"])
-    datatype: Literal["FP32"]
-    shape: list[int] = Field(description="-1 stands for the batch", examples=[[-1, 3, 64, 64]])
-
-
-class InferenceModel(BaseModel):
-    """A model with its inputs and outputs."""
-
-    name: str = Field(examples=["hof1-k2"])
-    versions: list[str] = Field(description="always version 1: a changed model has another name", examples=[["1"]])
-    platform: Literal["onnxruntime_onnx"]
-    inputs: list[Tensor]
-    outputs: list[Tensor]
-
-
-class TensorConfig(BaseModel):
-    """An input or an output of a model, as Triton's configuration has it."""
-
-    name: str = Field(examples=["image"])
-    data_type: Literal["TYPE_FP32"] = "TYPE_FP32"
-    dims: list[int] = Field(description="without the batch", examples=[[3, 64, 64]])
-
-
-class ModelConfig(BaseModel):
-    """A model's configuration, as Triton's clients read it."""
-
-    name: str = Field(examples=["hof1-k2"])
-    platform: Literal["onnxruntime_onnx"] = "onnxruntime_onnx"
-    backend: Literal["onnxruntime"] = "onnxruntime"
-    max_batch_size: int = Field(examples=[8])
-    input: list[TensorConfig]
-    output: list[TensorConfig]
 
 
 class Inference(NamedTuple):
@@ -201,7 +82,7 @@ def answer(encoder: Encoder, request: InferenceRequest, functions: Sequence[Enco
     """Return the body that answers a request with the functions of its images, and the body's headers."""
     outputs, binary = [], []
     for output in request.outputs or [Output(name=name) for name in encoder.outputs]:
-        array = _stacked(output.name, functions)
+        array = _stack(output.name, functions)
         tensor: dict[str, Any] = {"name": output.name, "datatype": "FP32", "shape": array.shape}
         is_binary = output.parameters.binary_data
         if request.parameters.binary_data_output if is_binary is None else is_binary:
@@ -215,24 +96,6 @@ def answer(encoder: Encoder, request: InferenceRequest, functions: Sequence[Enco
     if not binary:
         return header, {"Content-Type": "application/json"}
     return b"".join((header, *binary)), {"Content-Type": "application/octet-stream", HEADER_LENGTH: str(len(header))}
-
-
-def request_schema() -> Mapping[str, Any]:
-    """Return the JSON schema of a request, with all references inlined."""
-    schema = InferenceRequest.model_json_schema()
-    definitions = schema.pop("$defs")
-
-    def inlined(part: Any) -> Any:  # noqa: ANN401
-        if isinstance(part, list):
-            return [inlined(each) for each in part]
-        if not isinstance(part, dict):
-            return part
-        if "$ref" in part:
-            part = definitions[part["$ref"].rpartition("/")[2]] | part
-        return {key: inlined(value) for key, value in part.items() if key != "$ref"}
-
-    inlined_schema: Mapping[str, Any] = inlined(schema)
-    return inlined_schema
 
 
 def _check_counts(text: bytes, size: int) -> None:
@@ -310,13 +173,13 @@ def _not_numbers(shape: list[int]) -> InvalidParameter:
     return InvalidParameter(detail, field="inputs[0].data")
 
 
-def _stacked(name: str, functions: Sequence[Encoded]) -> Array:
+def _stack(name: str, functions: Sequence[Encoded]) -> Array:
     """Return the rows of an output, (b, size of the output)."""
-    made = [each.estimates for each in functions if each.estimates]
+    estimates = [each.estimates for each in functions if each.estimates]
     if name == SHAPE_CONFIDENCE:
-        return np.array([[each.shape_confidence] for each in made], np.float32)
+        return np.array([[each.shape_confidence] for each in estimates], np.float32)
     if name == CAMERA:
-        return np.array([list(vars(each.camera).values()) for each in made], np.float32)
+        return np.array([list(vars(each.camera).values()) for each in estimates], np.float32)
     if name == "theta":
         return np.stack([each.theta for each in functions])
     return np.stack([each.color.weights for each in functions if each.color])

@@ -6,7 +6,7 @@ from typing import Any, Final
 from fastapi import FastAPI
 
 from service.api.examples import parameter_example, problem_example
-from service.api.responses import RETRY_AFTER
+from service.api.responses.errors import RETRY_AFTER
 
 SECURITY_SCHEMES: Final = {
     "bearer": {"type": "http", "scheme": "bearer", "description": "An API key, if the service has a keys file"},

@@ -14,7 +14,7 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 from starlette.routing import compile_path
 
-from service.api.responses import FieldError, Problem
+from service.api.responses.errors import FieldError, Problem
 from service.errors import HofError, InvalidParameter, TryLater
 from service.runtime.admission import ClientLeft
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from service.api.responses import EncodedObject
+from service.api.responses.objects import EncodedObject
 from service.encoding.encoder import Encoder
 from service.encoding.framing import preprocess
 from service.mapping.spec import Functions

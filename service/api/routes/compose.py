@@ -11,7 +11,8 @@ from service.api.admission import needs_gate
 from service.api.context import client_of
 from service.api.dependencies import ReadyRuntime
 from service.api.queries import Composition, NoQuery
-from service.api.responses import BODY_STALLED, OVERLOADED, ComposedObjects, Problem, Responses, StoredObject
+from service.api.responses.errors import BODY_STALLED, OVERLOADED, Problem, Responses
+from service.api.responses.objects import ComposedObjects, StoredObject
 from service.api.wire.disconnects import while_connected
 from service.api.wire.json_bodies import read_json
 from service.errors import NotFound

@@ -14,17 +14,8 @@ from service.api.admission import needs_gate
 from service.api.context import client_of
 from service.api.dependencies import ReadyRuntime
 from service.api.queries import EncodeQuery
-from service.api.responses import (
-    BINARY,
-    BODY_STALLED,
-    NO_SPACE,
-    OBJECT_LOCATION,
-    OVERLOADED,
-    EncodedObject,
-    EncodedWeights,
-    Problem,
-    Responses,
-)
+from service.api.responses.errors import BINARY, BODY_STALLED, NO_SPACE, OBJECT_LOCATION, OVERLOADED, Problem, Responses
+from service.api.responses.objects import EncodedObject, EncodedWeights
 from service.api.wire.disconnects import while_connected
 from service.api.wire.uploads import read_image
 from service.encoding.encoder import Encoded, Encoder

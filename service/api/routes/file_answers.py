@@ -7,7 +7,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from service.api.context import context_of
-from service.api.responses import BINARY, OBJECT_NOT_FOUND, OVERLOADED, Problem, Responses
+from service.api.responses.errors import BINARY, OBJECT_NOT_FOUND, OVERLOADED, Problem, Responses
 from service.api.wire.caching import CACHE_CONTROL, etag, is_fresh
 from service.api.wire.disconnects import AdmittedFile
 from service.api.wire.negotiation import negotiate

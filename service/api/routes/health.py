@@ -1,18 +1,24 @@
 """Probes: liveness and readiness."""
 
 from collections.abc import Mapping
-from typing import Annotated
+from typing import Annotated, Literal
 
 from fastapi import APIRouter, Query
+from pydantic import BaseModel
 from starlette.requests import Request
 
 from service.api.dependencies import ReadyRuntime
 from service.api.queries import NoQuery
-from service.api.responses import Health
 from service.errors import NotReady
 from service.runtime.liveness import LivenessProbe
 
 router = APIRouter(prefix="/health", tags=["health"])
+
+
+class Health(BaseModel):
+    """The answer to a probe."""
+
+    status: Literal["live", "ready"]
 
 
 async def check_ready(request: Request, probes: Mapping[str, LivenessProbe]) -> None:

@@ -11,16 +11,8 @@ from service.api.admission import needs_gate
 from service.api.context import client_of
 from service.api.dependencies import ReadyRuntime
 from service.api.queries import NoQuery
-from service.api.responses import (
-    BINARY,
-    BODY_STALLED,
-    NO_SPACE,
-    OBJECT_LOCATION,
-    OVERLOADED,
-    Problem,
-    Responses,
-    StoredObject,
-)
+from service.api.responses.errors import BINARY, BODY_STALLED, NO_SPACE, OBJECT_LOCATION, OVERLOADED, Problem, Responses
+from service.api.responses.objects import StoredObject
 from service.api.wire.disconnects import while_connected
 from service.api.wire.uploads import read_body
 from service.errors import InvalidParameter

@@ -11,9 +11,7 @@ from service import __version__
 from service.api.admission import needs_gate
 from service.api.context import client_of
 from service.api.dependencies import ReadyRuntime
-from service.api.inference_protocol import (
-    EXTENSION,
-    HEADER_LENGTH,
+from service.api.inference_messages import (
     InferenceModel,
     InferenceServer,
     Live,
@@ -22,14 +20,11 @@ from service.api.inference_protocol import (
     ServerReady,
     Tensor,
     TensorConfig,
-    answer,
-    max_body_bytes,
-    parse,
     request_schema,
-    tensors,
 )
+from service.api.inference_protocol import EXTENSION, HEADER_LENGTH, answer, max_body_bytes, parse, tensors
 from service.api.queries import NoQuery
-from service.api.responses import BINARY, BODY_STALLED, OVERLOADED, Problem, Responses
+from service.api.responses.errors import BINARY, BODY_STALLED, OVERLOADED, Problem, Responses
 from service.api.routes.health import check_ready
 from service.api.wire.disconnects import while_connected
 from service.api.wire.uploads import read_body

@@ -5,8 +5,8 @@ from typing import Annotated
 from fastapi import APIRouter, Query
 
 from service.api.dependencies import ReadyRuntime
-from service.api.model_responses import Model, ModelList
 from service.api.queries import ModelQuery, NoQuery
+from service.api.responses.models import Model, ModelList
 
 router = APIRouter(tags=["model"])
 

@@ -8,7 +8,8 @@ from starlette.requests import Request
 from service.api.context import client_of
 from service.api.dependencies import ObjectId, ReadyRuntime
 from service.api.queries import NoQuery, PageQuery
-from service.api.responses import OBJECT_NOT_FOUND, OVERLOADED, ObjectPage, Problem, StoredObject
+from service.api.responses.errors import OBJECT_NOT_FOUND, OVERLOADED, Problem
+from service.api.responses.objects import ObjectPage, StoredObject
 from service.runtime.frames import completed
 
 router = APIRouter(prefix="/objects", tags=["objects"])

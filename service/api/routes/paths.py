@@ -11,14 +11,7 @@ from service.api.admission import needs_gate
 from service.api.context import client_of
 from service.api.dependencies import ObjectId, ReadyRuntime
 from service.api.queries import PathBody, PathQuery
-from service.api.responses import (
-    BINARY,
-    BODY_STALLED,
-    OBJECT_NOT_FOUND,
-    OVERLOADED,
-    Problem,
-    Responses,
-)
+from service.api.responses.errors import BINARY, BODY_STALLED, OBJECT_NOT_FOUND, OVERLOADED, Problem, Responses
 from service.api.routes.file_answers import NOT_ACCEPTABLE, format_of
 from service.api.wire.disconnects import while_connected
 from service.api.wire.json_bodies import read_json

@@ -13,8 +13,9 @@ from service.api.queries import PointsQuery
 from service.api.routes.file_answers import NOT_ACCEPTABLE, FileAnswer, file_responses, format_of
 from service.api.wire.caching import accepts_gzip
 from service.api.wire.disconnects import AdmittedStream
-from service.formats.points.registry import POINT_FORMATS
+from service.formats.points.registry import POINT_FORMATS, PointFormat
 from service.mapping.canonical import check_range
+from service.mapping.frame import Frame
 from service.runtime.cost import check_cost, check_size, cost_of_object, in_flight
 from service.runtime.frames import completed
 from service.runtime.shapes import cloud_of
@@ -49,17 +50,7 @@ async def points(
     check_cost(query.n, cost, settings.max_points, "n")
     fmt = fmt.holding(color=in_color)
     is_gzipped = fmt.is_text and accepts_gzip(request.headers.get("accept-encoding"))
-    answer = FileAnswer(
-        id_,
-        fmt,
-        fmt.name,
-        query.model_dump(exclude={"format"}),
-        frame,
-        is_gzipped,
-        vary="Accept, Accept-Encoding",
-        length=fmt.length(query.n),
-        is_gzipped=is_gzipped,
-    )
+    answer = _file_answer(id_, fmt, query, frame, is_gzipped=is_gzipped)
     if response := answer.without_file(request):
         return response
 
@@ -70,3 +61,9 @@ async def points(
 
     amount = cost * in_flight(query.n, settings.threads)
     return AdmittedStream(begin, runtime.gates.points, amount, answer.headers, answer.media_type)
+
+
+def _file_answer(id_: str, fmt: PointFormat, query: PointsQuery, frame: Frame, *, is_gzipped: bool) -> FileAnswer:
+    tagged = (fmt.name, query.model_dump(exclude={"format"}), frame, is_gzipped)
+    length = fmt.length(query.n)
+    return FileAnswer(id_, fmt, *tagged, vary="Accept, Accept-Encoding", length=length, is_gzipped=is_gzipped)

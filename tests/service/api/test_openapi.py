@@ -10,7 +10,7 @@ from jsonschema_rs import is_valid
 
 from service.api.app import create_app
 from service.api.openapi import openapi_text
-from service.api.responses import Problem
+from service.api.responses.errors import Problem
 from service.settings import Settings
 
 COMMITTED = Path(__file__).parents[3] / "openapi.json"

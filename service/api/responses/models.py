@@ -5,7 +5,7 @@ from typing import Any
 
 from pydantic import BaseModel, Field
 
-from service.api.responses import ColorSpec, Spec
+from service.api.responses.parts import ColorSpec, Spec
 from service.encoding.encoder import Encoder
 
 

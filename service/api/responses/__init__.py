@@ -1,0 +1,1 @@
+"""JSON of answers, and their OpenAPI descriptions."""
