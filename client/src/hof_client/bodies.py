@@ -213,5 +213,5 @@ class ColoredArrays:
 
 
 def json_reader(kind: type[T]) -> Callable[[Mapping[str, str]], Whole[T]]:
-    """Return what reads JSON as a dataclass of `hof_client.answers`."""
+    """Return a reader of JSON that gives a dataclass of this package."""
     return lambda _: Whole(lambda body: parse(kind, json.loads(body)))
