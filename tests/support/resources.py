@@ -55,3 +55,8 @@ def given_s(core: int) -> float:
         if name == f"cpu{core}":
             return time.perf_counter() - int(ticks[STEAL]) / os.sysconf("SC_CLK_TCK")
     raise RuntimeError(f"/proc/stat has no core {core}")
+
+
+def processor_ns(pid: int) -> int:
+    """Return the processor time of a process's main thread, in which a server's event loop runs, in nanoseconds."""
+    return int(Path(f"/proc/{pid}/schedstat").read_text().split()[0])

@@ -11,10 +11,11 @@ import httpx
 import pytest
 
 from service.api.middleware.security_headers import SECURE
-from service.server.http_protocol import MAX_HEAD_BYTES, PUNCTUATION
+from service.server.http_protocol import FREE_CHUNKS, MAX_HEAD_BYTES, PUNCTUATION
 from service.settings import Settings
 from tests.support.processes import hof_serve
-from tests.support.raw_sockets import connect, next_status, rest
+from tests.support.raw_sockets import ask, connect, next_status, rest
+from tests.support.resources import processor_ns
 from tests.support.server import Server, running
 from tests.support.slow import DEADLINE_S, runtime_of, until
 
@@ -93,6 +94,22 @@ def test_trailers_within_the_limit_are_dropped_and_are_no_framing(server: Server
         head = b"POST /encode HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: chunked\r\n\r\n"
         connection.sendall(head + b"5\r\nhello\r\n0\r\n" + 60 * FILLER + b"\r\n")
         assert next_status(connection) == 415
+
+
+def test_body_with_chunk_extensions_costs_little_more_than_another_that_is_refused(
+    model_path: Path, tmp_path: Path
+) -> None:
+    tiny = 2 * FREE_CHUNKS * b"1\r\na\r\n"
+    bodies = [tiny, *(9 * (b"1" + extension + b"\r\na\r\n") for extension in (b";" + 16_000 * b"a", 8_000 * b";c"))]
+    costs = []
+    with hof_serve(tmp_path, model_path) as served:
+        for body in bodies:
+            request = b"POST /encode HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: chunked\r\n\r\n" + body
+            ask(served.url, request)
+            before = processor_ns(served.process.pid)
+            assert {ask(served.url, request).status for _ in range(30)} == {400}
+            costs.append(processor_ns(served.process.pid) - before)
+    assert max(costs) < 2 * costs[0]
 
 
 @pytest.mark.parametrize("data", [b"", LINE, LINE + b"a: b", b"\r\n\r\n"])
