@@ -8,6 +8,7 @@ PARAMETERS: Final[dict[str, Any]] = {
     "background": "auto",
     "color": "auto",
     "cursor": "NTE",
+    "dtype": "float16",
     "foreground_ratio": 0.85,
     "format": None,  # each call has formats of its own: the first is shown
     "frame": "object",

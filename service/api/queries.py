@@ -4,6 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
+from service.formats.precision import Dtype
 from service.formats.weights import WeightFormatName
 from service.mapping.spec import MAX_K
 from service.options import EncodeOptions, MeshOptions, PathOptions, PointOptions
@@ -87,6 +88,11 @@ class WeightsQuery(NoQuery):
         default="safetensors",
         description="file format; `safetensors` carries the spec and can be posted to `/objects`; `onnx` is the whole "
         "function, k included: x (n, input_dim) -> points (n, 3), float32; `json` holds at most 1,000,000 numbers",
+    )
+    dtype: Dtype = Field(
+        default="float32",
+        description="type of the numbers in the file; `float16` halves the bytes and `int8` quarters them, for "
+        "`safetensors` alone, and `loss` in its metadata tells how far points move then",
     )
 
 

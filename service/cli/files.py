@@ -126,12 +126,14 @@ def compose(arguments: argparse.Namespace) -> None:
 def info(arguments: argparse.Namespace) -> None:
     """Print the model, the spec, the size of theta, and the object's dimensions as JSON.
 
-    Also the color's spec and the word, if any.
+    Also the color's spec and the word, if any, and what numbers of fewer bytes cost.
     """
     weights = _load(arguments.weights)
     summary: dict[str, Any] = {"model": weights.model, "spec": asdict(weights.spec), "size": weights.spec.size}
     frame = _frame(weights)
     summary |= {"dimensions": frame.dimensions, "frame": asdict(frame)}
+    if weights.dtype != "float32":
+        summary |= {"dtype": weights.dtype, "loss": weights.loss and asdict(weights.loss)}
     if weights.color:
         summary["color_spec"] = asdict(weights.color.spec)
     if weights.word:

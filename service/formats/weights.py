@@ -1,25 +1,25 @@
 """theta and its spec as a file: safetensors, which `load` reads back, .npy, JSON, and ONNX, which runs anywhere.
 
-A safetensors file is a uint64 header length, a JSON header and the bytes of the tensors
-(https://huggingface.co/docs/safetensors). Ours has a tensor "theta" and its spec in the metadata. A composed object
-has a theta of k rows, and "word" in the metadata names the object of each row. An object with a color has a tensor
-"color", and its spec is "color_spec" in the metadata. "frame" in the metadata is the object's box. The safetensors
-library sets no limit on what it parses and reads metadata from named files only, so both directions are written here.
+A safetensors file (`service.formats.tensors`) of ours has a tensor "theta" and its spec in the metadata. A composed
+object has a theta of k rows, and "word" in the metadata names the object of each row. An object with a color has a
+tensor "color", and its spec is "color_spec" in the metadata. "frame" in the metadata is the object's box. Tensors are
+F32, F16 or I8. I8 ones have their scales in another tensor, "theta_scales". "loss" in the metadata is how far points
+move because of fewer bytes (`service.formats.precision`).
 """
 
 import io
-import itertools
 import json
 import math
-import struct
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Final, Literal
 
 import numpy as np
 
 from service.errors import CorruptWeights, InvalidParameter
-from service.formats import onnx
+from service.formats import onnx, tensors
+from service.formats.precision import Dtype, Loss, from_int8, loss_of, scales_of, to_float16, to_int8
+from service.formats.tensors import Stored, Tensors
 from service.mapping.frame import Frame
 from service.mapping.spec import Array, Color, Functions, MappingSpec, check_color_spec
 
@@ -27,11 +27,10 @@ WeightFormatName = Literal["safetensors", "npy", "json", "onnx"]
 
 FORMAT: Final = "hof-theta-1"
 WORD_FORMAT: Final = "hof-word-1"  # for composed objects
-MAX_HEADER_BYTES: Final = 16_384
 MAX_JSON_NUMBERS: Final = 1_000_000  # as text or as Python objects, a number takes far more than 4 bytes
 MAX_LABEL: Final = 200  # characters of a name
 
-Shapes = dict[str, list[int]]  # of tensors, by name
+TYPES: Final[Mapping[Dtype, str]] = {"float32": "F32", "float16": "F16", "int8": "I8"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +43,8 @@ class Weights:
     word : names of the objects of a composed object's rows; empty for any other object.
     color : None if the object has no color.
     frame : the object's box in the function's own numbers; None if it was not measured.
+    dtype : type of the numbers in a file; in memory they are float32.
+    loss : of a file that was read: what the type costs, if the file says so.
     """
 
     spec: MappingSpec
@@ -52,6 +53,8 @@ class Weights:
     word: tuple[str, ...] = ()
     color: Color | None = None
     frame: Frame | None = None
+    dtype: Dtype = "float32"
+    loss: Loss | None = None
 
     @property
     def functions(self) -> Functions:
@@ -93,8 +96,10 @@ def dump(weights: Weights, format: WeightFormatName) -> bytes:  # noqa: A002 - t
 
     Raises
     ------
-    InvalidParameter : more than `MAX_JSON_NUMBERS` numbers for JSON.
+    InvalidParameter : more than `MAX_JSON_NUMBERS` numbers for JSON; another dtype than float32, which `format` does
+        not have, or which does not have the range.
     """
+    check_dtype(format, weights.dtype)
     match format:
         case "safetensors":
             return _dump_safetensors(weights)
@@ -120,6 +125,12 @@ def dump(weights: Weights, format: WeightFormatName) -> bytes:  # noqa: A002 - t
             return onnx.dump(weights.spec, weights.theta, labels, weights.frame)
 
 
+def check_dtype(format: WeightFormatName, dtype: Dtype) -> None:  # noqa: A002 - the name in the API
+    """Raise InvalidParameter if a format does not have a type of numbers."""
+    if dtype != "float32" and format != "safetensors":
+        raise InvalidParameter(f"{format} files are float32, not {dtype}: use format=safetensors", field="dtype")
+
+
 def load(data: bytes) -> Weights:
     """Read a safetensors file written by `dump` or by another program.
 
@@ -129,7 +140,7 @@ def load(data: bytes) -> Weights:
         size or a number that is not finite.
     InvalidSpec : a spec is invalid, or the color's spec does not fit.
     """
-    header, payload = _split(data)
+    header, payload = tensors.split(data)
     metadata = header.pop("__metadata__", None)
     if not isinstance(metadata, dict) or metadata.get("format") not in (FORMAT, WORD_FORMAT):
         raise CorruptWeights(f'the metadata lack "format": "{FORMAT}" or "{WORD_FORMAT}"')
@@ -141,10 +152,12 @@ def load(data: bytes) -> Weights:
     _check_label(spec.name)
     word = _word(metadata.get("word"), spec.k) if metadata["format"] == WORD_FORMAT else ()
     color_spec = _color_spec(metadata["color_spec"], spec) if "color_spec" in metadata else None
-    arrays = _arrays(header, payload, list(_tensors(spec, color_spec, bool(word))))
-    color = Color(color_spec, arrays["color"]) if color_spec else None
+    dtype = _dtype(header)
+    arrays = tensors.read(header, payload, list(_tensors(spec, color_spec, bool(word), dtype)))
+    color = Color(color_spec, _restored("color", color_spec, arrays)) if color_spec else None
     frame = Frame.from_json(metadata["frame"]) if "frame" in metadata else None
-    return Weights(spec, arrays["theta"], model, word, color, frame)
+    loss = _loss(metadata["loss"]) if "loss" in metadata else None
+    return Weights(spec, _restored("theta", spec, arrays), model, word, color, frame, dtype, loss)
 
 
 def _color_spec(text: object, spec: MappingSpec) -> MappingSpec:
@@ -157,77 +170,69 @@ def _color_spec(text: object, spec: MappingSpec) -> MappingSpec:
     return color_spec
 
 
-def _tensors(spec: MappingSpec, color_spec: MappingSpec | None, is_word: bool) -> Iterator[Shapes]:
+def _dtype(header: dict[str, Any]) -> Dtype:
+    """Return the type of theta in a file; float32 if the header names none that may be there."""
+    theta = header.get("theta")
+    name = theta.get("dtype") if isinstance(theta, dict) else None
+    return next((dtype for dtype, type_ in TYPES.items() if type_ == name), "float32")
+
+
+def _loss(text: object) -> Loss:
+    """Read the loss in the metadata. Raises CorruptWeights."""
+    try:
+        fields = json.loads(text) if isinstance(text, str) else {}
+        loss = Loss(float(fields["mean"]), float(fields["largest"]))
+    except (ValueError, TypeError, KeyError, RecursionError, OverflowError) as error:
+        raise CorruptWeights('"loss" is not a JSON object with the numbers "mean" and "largest"') from error
+    if not (math.isfinite(loss.mean) and math.isfinite(loss.largest)):
+        raise CorruptWeights('"loss" has a number that is not finite')
+    return loss
+
+
+def _tensors(spec: MappingSpec, color_spec: MappingSpec | None, is_word: bool, dtype: Dtype) -> Iterator[Tensors]:
     """Return the tensors that a file may have; in a word, 1 to k functions may have a color."""
-    theta = {"theta": [spec.k, spec.size] if is_word else [spec.size]}
+    theta = _types("theta", spec, [spec.k] if is_word else [], dtype)
     if color_spec is None:
         yield theta
     elif is_word:
-        yield from (theta | {"color": [colored, color_spec.size]} for colored in range(spec.k, 0, -1))
+        yield from (theta | _types("color", color_spec, [colored], dtype) for colored in range(spec.k, 0, -1))
     else:
-        yield theta | {"color": [color_spec.size]}
+        yield theta | _types("color", color_spec, [], dtype)
 
 
-def _arrays(header: dict[str, Any], payload: memoryview, allowed: Sequence[Shapes]) -> dict[str, Array]:
-    """Read the tensors, in any order in the file. Raises CorruptWeights."""
-    for shapes in allowed:
-        for order in itertools.permutations(shapes):
-            entries = _entries({name: shapes[name] for name in order})
-            if header == entries and len(payload) == _end(entries):
-                return {name: _array(name, payload, entry) for name, entry in entries.items()}
-    tensors = " and ".join(f'"{name}" of shape {shape}' for name, shape in allowed[0].items())
-    raise CorruptWeights(f"the file must hold {tensors}, F32, and nothing else")
+def _types(name: str, spec: MappingSpec, rows: list[int], dtype: Dtype) -> Tensors:
+    scales: Tensors = {f"{name}_scales": ("F32", [*rows, scales_of(spec)])} if dtype == "int8" else {}
+    return scales | {name: (TYPES[dtype], [*rows, spec.size])}
 
 
-def _entries(shapes: Shapes) -> dict[str, dict[str, Any]]:
-    """Return the header's entries for float32 tensors, stored one after another."""
-    entries: dict[str, dict[str, Any]] = {}
-    for name, shape in shapes.items():
-        begin = _end(entries)
-        entries[name] = {"dtype": "F32", "shape": shape, "data_offsets": [begin, begin + 4 * math.prod(shape)]}
-    return entries
+def _stored(name: str, spec: MappingSpec, weights: Array, dtype: Dtype) -> dict[str, Stored]:
+    """Return the tensors of a function in a file."""
+    match dtype:
+        case "float32":
+            return {name: weights}
+        case "float16":
+            return {name: to_float16(weights)}
+        case "int8":
+            numbers, scales = to_int8(spec, weights)
+            return {f"{name}_scales": scales, name: numbers}
 
 
-def _end(entries: dict[str, dict[str, Any]]) -> int:
-    return max((entry["data_offsets"][1] for entry in entries.values()), default=0)
-
-
-def _array(name: str, payload: memoryview, entry: dict[str, Any]) -> Array:
-    begin, end = entry["data_offsets"]
-    array: Array = np.frombuffer(payload[begin:end], "<f4").reshape(entry["shape"]).astype(np.float32)
-    if not np.isfinite(array).all():
-        raise CorruptWeights(f"{name} has numbers that are not finite")
-    return array
+def _restored(name: str, spec: MappingSpec, arrays: Mapping[str, Stored]) -> Array:
+    """Return the float32 weights that tensors of a file stand for."""
+    scales = arrays.get(f"{name}_scales")
+    return arrays[name].astype(np.float32) if scales is None else from_int8(spec, arrays[name], scales)
 
 
 def _dump_safetensors(weights: Weights) -> bytes:
-    metadata, arrays = weights.labels, {"theta": weights.theta}
+    spec, metadata = weights.spec, weights.labels
+    arrays = _stored("theta", spec, weights.theta, weights.dtype)
+    if weights.dtype != "float32" and weights.frame:
+        loss = loss_of(spec, weights.theta, _restored("theta", spec, arrays), weights.frame)
+        metadata |= {"loss": json.dumps(asdict(loss), separators=(",", ":"))}
     if weights.color:
         metadata |= {"color_spec": weights.color.spec.to_json()}
-        arrays |= {"color": weights.color.weights}
-    header = {"__metadata__": metadata} | _entries({name: list(array.shape) for name, array in arrays.items()})
-    text = json.dumps(header, separators=(",", ":")).encode("ascii")
-    text = text.ljust(-len(text) % 8 + len(text))  # tensors start at a multiple of 8 bytes
-    payload = b"".join(array.astype("<f4", copy=False).tobytes() for array in arrays.values())
-    return struct.pack("<Q", len(text)) + text + payload
-
-
-def _split(data: bytes) -> tuple[dict[str, Any], memoryview]:
-    """Return the decoded header and the bytes of the tensors. Raises CorruptWeights."""
-    if len(data) < 8:
-        raise CorruptWeights("the file has fewer than 8 bytes: it is not a safetensors file")
-    (size,) = struct.unpack_from("<Q", data)
-    if size > MAX_HEADER_BYTES:
-        raise CorruptWeights(f"the header has {size} bytes, it may have at most {MAX_HEADER_BYTES}")
-    if len(data) < 8 + size:
-        raise CorruptWeights("the file ends within its header")
-    try:
-        header = json.loads(data[8 : 8 + size])
-    except (ValueError, RecursionError) as error:
-        raise CorruptWeights("the header is not JSON") from error
-    if not isinstance(header, dict):
-        raise CorruptWeights("the header is not a JSON object")
-    return header, memoryview(data)[8 + size :]
+        arrays |= _stored("color", weights.color.spec, weights.color.weights, weights.dtype)
+    return tensors.pack(metadata, arrays)
 
 
 def _word(text: object, k: int) -> tuple[str, ...]:

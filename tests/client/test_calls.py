@@ -122,6 +122,7 @@ def test_weights_come_back_as_an_object(hof: Client, disc_object: StoredObject) 
     theta = hof.theta(disc_object.id)
     assert np.array_equal(theta, load(file).theta)
     assert hof.weights(disc_object.id, format="onnx")
+    assert load(hof.weights(disc_object.id, dtype="float16")).dtype == "float16"
     imported = hof.import_object(file)
     assert imported.kind == "imported"
     assert np.array_equal(hof.theta(imported.id), theta)

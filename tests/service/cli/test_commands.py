@@ -56,13 +56,6 @@ def test_encode_with_u2net_home_removes_the_background(
     assert np.abs(thetas[0] - thetas[1]).max() > 1e-3
 
 
-def test_info_of_a_weights_file_prints_model_spec_and_size(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    main(["encode", "photo.png", "-o", "out.safetensors"])
-    assert main(["info", "out.safetensors"]) == 0
-    summary = json.loads(capsys.readouterr().out)
-    assert (summary["model"], summary["spec"]["k"], summary["size"]) == ("tiny-k2", 2, 115)
-
-
 def _two_objects(here: Path) -> list[Path]:
     for name, color in (("a", "red"), ("b", "green")):
         (here / f"{name}.png").write_bytes(image_file(disc(color)))
