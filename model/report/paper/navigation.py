@@ -99,8 +99,8 @@ def _verdict(record: PaperRecord, chairs: Mask) -> str:
 
 {lines}
 
-For {collided:.1%} of all pairs, the path planned on `{model}` meets the true object. A robot should keep a clearance, and
-look again on its way."""
+For {collided:.1%} of all pairs, the path planned on `{model}` meets the true object. A robot should keep a clearance,
+and look again on its way."""
 
 
 def _against_direct(record: PaperRecord, ours: Trial) -> str:
