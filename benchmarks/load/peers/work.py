@@ -1,4 +1,4 @@
-"""Work of every peer on a photo, with the service's own modules: decode, frame, infer, make the record."""
+"""Work of every peer on a photo, by the service's modules: decode, frame, infer, measure the box, make the record."""
 
 from datetime import UTC, datetime
 from typing import Any
@@ -8,6 +8,7 @@ import numpy as np
 from service.api.responses.objects import EncodedObject
 from service.encoding.encoder import Encoder
 from service.encoding.framing import preprocess
+from service.mapping.box import examine
 from service.mapping.spec import Functions
 from service.settings import SHIPPED_MODEL
 from service.storage.ids import encoded_id
@@ -42,6 +43,7 @@ class Work:
                 encoder.spec,
                 now,
                 color_spec=encoder.color_spec,
+                frame=examine(encoder.spec, functions),
                 estimates=estimates,
             )
             answer = EncodedObject.of_image(record, one, None).model_dump(mode="json", by_alias=True, exclude_none=True)
