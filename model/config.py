@@ -1,7 +1,7 @@
 """Everything that decides a training run. A checkpoint stores the config that produced it.
 
-Each field is a flag of `hof-model train` or `hof-model color`: defaults, limits and help live here and nowhere
-else; `model.cli.flags` makes the flags from the fields.
+Each field is a flag of `hof-model train`, `hof-model color` or `hof-model heads`: defaults, limits and help live here
+and nowhere else; `model.cli.flags` makes the flags from the fields.
 """
 
 from collections.abc import Mapping
@@ -142,6 +142,19 @@ class ColorConfig:
     kept_batches: int = option(400, "latest batches kept for further steps, 17 kB an image", least=1)
     steps_per_batch: int = option(6, "steps for each drawn batch: one on it, the others on kept ones", least=1)
     learning_rate: float = option(1e-3, "AdamW's learning rate after warm-up", least=0)
+    weight_decay: float = option(1e-2, "AdamW's weight decay", least=0)
+
+
+@dataclass(frozen=True)
+class HeadsConfig:
+    """Training of the heads for the fit of the shape and the camera, on observations of a finished encoder."""
+
+    seed: int = option(0, "seed of views, initial weights and batches", least=0)
+    views: int = option(6, "views observed of each object", least=2)
+    members: int = option(5, "confidences that are averaged, each trained without a share of the objects", least=1)
+    epochs: float = option(12.0, "times that each image is used", above=0)
+    batch: int = option(64, "images per step", least=1)
+    learning_rate: float = option(1e-3, "AdamW's highest learning rate", above=0)
     weight_decay: float = option(1e-2, "AdamW's weight decay", least=0)
 
 

@@ -7,6 +7,7 @@ rounded numbers before the two are compared.
 import json
 import tempfile
 import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
@@ -15,14 +16,17 @@ import numpy as np
 import onnx
 import torch
 from onnx import helper, numpy_helper
-from torch import nn
+from torch import Tensor, nn
 
 from model.config import TrainConfig
 from model.networks.color_head import ColoredEncoder, ColorHead
 from model.networks.encoder import ImageEncoder
+from model.networks.estimate_heads import EstimateHeads
+from model.networks.inner import InnerEncoder, inner_tensors
 from model.networks.mapping import power
 from service import mapping
 from service.encoding.encoder import FORMAT, Encoder
+from service.encoding.estimates import OUTPUTS, VERSION
 from service.files import whole_file
 from service.mapping.canonical import canonical_points
 from service.mapping.sampler import Sampler
@@ -31,6 +35,13 @@ OPSET: Final = 17
 TOLERANCE: Final = 1e-4  # on theta and points, absolute
 PARITY_IMAGES: Final = 8
 PARITY_POINTS: Final = 2_000
+HEADS: Final = "estimates/"  # prefix of the names of the heads' nodes and weights
+HEADS_TOLERANCE: Final = {  # theta and color must not change at all
+    "theta: file - file": 0.0,
+    "color: file - file": 0.0,
+    "shape_confidence: torch - onnxruntime": 1e-3,
+    "camera: torch - onnxruntime": 0.05,  # degrees, longest sides
+}
 
 
 def export(
@@ -114,6 +125,102 @@ def color_parity(network: ColoredEncoder, config: TrainConfig, exported: Encoder
     }
 
 
+def attach(file: Path, heads: EstimateHeads, card: dict[str, Any], output: Path) -> dict[str, float]:
+    """Write an exported model with heads as further outputs; theta and color stay the same numbers.
+
+    Parameters
+    ----------
+    file : an encoder that `export` wrote, with heads or without.
+    card : the model card of the new file.
+
+    Returns
+    -------
+    The largest differences, over random images, of the outputs: old and new file, torch and onnxruntime.
+
+    Raises
+    ------
+    ValueError : a difference is above its limit.
+    """
+    model = onnx.load(file)
+    _detach(model.graph)
+    tensors = inner_tensors(model)
+    _round_matrices(heads)
+    _append(model.graph, _halve(_heads_to_onnx(heads, InnerEncoder(file, threads=1))), tensors)
+    entries = {entry.key: entry.value for entry in model.metadata_props}
+    entries |= {"hof.estimates": VERSION, "hof.card": json.dumps(card, ensure_ascii=False)}
+    helper.set_model_props(model, entries)
+    onnx.checker.check_model(model)
+    data = model.SerializeToString()
+    differences = _heads_parity(file, heads, Encoder(data, threads=1))
+    if any(differences[name] > limit for name, limit in HEADS_TOLERANCE.items()):
+        raise ValueError(f"the files or torch disagree: {differences}, the limits are {HEADS_TOLERANCE}")
+    with whole_file(output) as target:
+        target.write(data)
+    return differences
+
+
+def _detach(graph: onnx.GraphProto) -> None:
+    """Remove the heads that `attach` added before."""
+    for field in (graph.node, graph.initializer, graph.output):
+        kept = [each for each in field if not each.name.startswith(HEADS) and each.name not in OUTPUTS]
+        del field[:]
+        field.extend(kept)
+
+
+def _heads_to_onnx(heads: EstimateHeads, encoder: InnerEncoder) -> onnx.ModelProto:
+    """Return the heads as a graph whose inputs have the names of the inner tensors."""
+    size = encoder.size
+    inner = encoder.look(np.zeros((1, 3, size, size), np.float32))[1]
+    tensors = tuple(torch.from_numpy(inner[name]) for name in heads.names)
+    return _exported(heads, tensors, heads.names, tuple(OUTPUTS))
+
+
+def _append(graph: onnx.GraphProto, heads: onnx.ModelProto, tensors: Mapping[str, str]) -> None:
+    """Append the graph of heads; its inputs become the encoder's inner tensors, its other names get a prefix."""
+
+    def renamed(name: str) -> str:
+        return tensors.get(name) or (name if name in ("", *OUTPUTS) else HEADS + name)
+
+    for initializer in heads.graph.initializer:
+        initializer.name = renamed(initializer.name)
+        graph.initializer.append(initializer)
+    for node in heads.graph.node:
+        names = [renamed(name) for name in node.input], [renamed(name) for name in node.output]
+        node.name = HEADS + node.output[0]  # names must differ; casts have none
+        del node.input[:], node.output[:]
+        node.input.extend(names[0])
+        node.output.extend(names[1])
+        graph.node.append(node)
+    for name, shape in OUTPUTS.items():
+        graph.output.append(helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, ["batch", *shape]))
+
+
+@torch.no_grad()
+def _heads_parity(file: Path, heads: EstimateHeads, attached: Encoder) -> dict[str, float]:
+    """Return the largest differences of outputs over random images; of azimuths the shorter way around."""
+    before, inner = Encoder.open(file, threads=1), InnerEncoder(file, threads=1)
+    size = before.framing.size
+    images = np.random.default_rng(0).random((PARITY_IMAGES, 3, size, size), np.float32)
+    pairs = list(zip(before.encode(images), attached.encode(images), strict=True))
+    theta = max(float(np.abs(old.theta - new.theta).max()) for old, new in pairs)
+    colors = [
+        float(np.abs(old.color.weights - new.color.weights).max()) for old, new in pairs if old.color and new.color
+    ]
+    tensors = inner.look(images)[1]
+    confidence, camera = heads(*(torch.from_numpy(tensors[name]) for name in heads.names))
+    estimates = [new.estimates for _, new in pairs if new.estimates]
+    cameras = np.array([list(vars(each.camera).values()) for each in estimates])
+    away = np.abs(cameras - camera.numpy())
+    away[:, 0] = np.minimum(away[:, 0], 360 - away[:, 0])
+    confidences = np.array([each.shape_confidence for each in estimates])
+    return {
+        "theta: file - file": theta,
+        "color: file - file": max(colors, default=0.0),
+        "shape_confidence: torch - onnxruntime": float(np.abs(confidences - confidence.numpy()[:, 0]).max()),
+        "camera: torch - onnxruntime": float(away.max()),
+    }
+
+
 def _random_images(config: TrainConfig, seed: int) -> mapping.Array:
     """Return PARITY_IMAGES images of noise, (b, 3, size, size) in [0, 1]."""
     side = config.framing.size
@@ -130,6 +237,13 @@ def _round_matrices(network: nn.Module) -> None:
 
 def to_onnx(network: nn.Module, size: int, *outputs: str) -> onnx.ModelProto:
     """Return a network of images (b, 3, size, size) as a graph with the input `image` and the named outputs."""
+    return _exported(network, (torch.zeros(1, 3, size, size),), ["image"], outputs)
+
+
+def _exported(
+    network: nn.Module, inputs: tuple[Tensor, ...], names: Sequence[str], outputs: Sequence[str]
+) -> onnx.ModelProto:
+    """Return a network as a graph with named inputs and outputs, the batch's size open."""
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         # torch's newer exporter needs another package and gives no better file here
         warnings.simplefilter("ignore", DeprecationWarning)
@@ -137,11 +251,11 @@ def to_onnx(network: nn.Module, size: int, *outputs: str) -> onnx.ModelProto:
         path = Path(folder) / "network.onnx"
         torch.onnx.export(
             network.eval(),
-            (torch.zeros(1, 3, size, size),),
+            inputs,
             path,
-            input_names=["image"],
+            input_names=list(names),
             output_names=list(outputs),
-            dynamic_axes={name: {0: "batch"} for name in ("image", *outputs)},
+            dynamic_axes={name: {0: "batch"} for name in (*names, *outputs)},
             opset_version=OPSET,
             dynamo=False,
         )

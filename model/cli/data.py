@@ -26,9 +26,10 @@ def add_stages(data: "argparse._SubParsersAction[argparse.ArgumentParser]") -> N
     _add_source(textures)
     add_infinigen(data.add_parser("infinigen", help="make meshes of furniture and other things, for `make --meshes`"))
     _add_make(data.add_parser("make", help="make procedural furniture and other things, for training only"))
-    notice = data.add_parser("notice", help="write the credits of the training objects, for NOTICE")
+    notice = data.add_parser("notice", help="write the credits of the objects trained on, for NOTICE")
     notice.set_defaults(run=_notice)
     notice.add_argument("--data", type=Path, default=DATA, help="folder of the data set")
+    notice.add_argument("--split", choices=SPLITS, default="train", help="split to credit; default: train")
     notice.add_argument("-o", "--output", type=Path, help="file; default: print it")
     photographs = data.add_parser("photographs", help="download free photographs as backgrounds for training")
     photographs.set_defaults(run=_photographs)
@@ -167,7 +168,8 @@ def _notice(arguments: argparse.Namespace) -> None:
     from model.data.manifest import Manifest, piece_entries
     from model.data.notice import notice
 
-    text = notice([*Manifest.read(arguments.data).of("train"), *piece_entries(arguments.data)])
+    pieces = piece_entries(arguments.data) if arguments.split == "train" else ()
+    text = notice([*Manifest.read(arguments.data).of(arguments.split), *pieces])
     if arguments.output:
         arguments.output.write_text(text, encoding="utf-8")
         print(arguments.output)

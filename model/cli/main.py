@@ -4,7 +4,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from model.cli import data, evaluate, paper, train
+from model.cli import data, evaluate, heads, paper, train
 from service.errors import HofError
 
 
@@ -24,6 +24,7 @@ def _parser() -> argparse.ArgumentParser:
     stages = parser.add_subparsers(required=True, metavar="STAGE")
     data.add_stages(stages.add_parser("data", help="build or look at a data set").add_subparsers(required=True))
     train.add_stages(stages)
+    heads.add_stages(stages)
     evaluate.add_stages(stages)
     paper.add_stage(stages)
     return parser

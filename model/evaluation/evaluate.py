@@ -42,12 +42,14 @@ class Case:
     views : (24, S, S, 4) uint8 RGBA.
     points : (10000, 3) float32, the true points, object frame.
     colors : (10000, 3) uint8, sRGB of the points.
+    cameras : (24, 2) float32, azimuth and elevation in degrees; empty if the data set does not tell.
     """
 
     entry: Entry
     views: Bytes
     points: Floats
     colors: Bytes
+    cameras: Floats
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,8 @@ def cases(data: Path, split: Split) -> Iterator[Case]:
     """
     for entry in Manifest.read(data).of(split):
         with np.load(data / entry.file) as arrays:
-            yield Case(entry, arrays["views"], arrays["points"], arrays[COLORS])
+            cameras = arrays.get("cameras", np.empty((0, 2), np.float32))
+            yield Case(entry, arrays["views"], arrays["points"], arrays[COLORS], cameras)
 
 
 def encoder_answer(encoder: Encoder) -> Answer:

@@ -88,6 +88,16 @@ def _joined(sources: set[tuple[str, str]]) -> str:
     return ", ".join(f"{source} ({license_})" for source, license_ in sorted(sources))
 
 
+def _estimates(training: dict[str, Any] | None) -> str:
+    """Return the line on the heads for the shape's confidence and the camera; empty without them."""
+    if training is None:
+        return ""
+    kept_out = f"; measured on the sources {', '.join(training['kept_out'])}" if training["kept_out"] else ""
+    return f"""
+- **Shape confidence and camera**: heads on the frozen encoder, {training["images"]:,} images of
+  {training["objects"]:,} objects{kept_out}."""
+
+
 def _seen(manifest: Manifest, config: TrainConfig) -> str:
     """Return a sentence on the training images, and so on what they lack."""
     objects = list(manifest.of("train"))
@@ -131,7 +141,7 @@ Written by `hof-model export` from the metadata of the file. `GET /model` serves
 - **Training**: {training["minutes"]} minutes and {training["steps"]:,} steps, including the runs that it started
   from; seed {training["config"]["seed"]} in the last run. Exported {exported["date"]} on {exported["machine"]}, commit
   {exported["commit"]}.
-- **Color**: {color_head}.
+- **Color**: {color_head}.{_estimates(card.get("estimates"))}
 
 ## Figures on the test split
 

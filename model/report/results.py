@@ -14,7 +14,7 @@ from model.evaluation.paths import COLOR, COMPARED, RESULTS, SURFACES
 from model.evaluation.records import Record
 from model.evaluation.surfaces import Trials
 from model.evaluation.timing import encoder_ms
-from model.report import color, mixtures, runs, surfaces
+from model.report import color, estimates, mixtures, runs, surfaces
 from model.report.page import Shipped, all_evaluations, markdown
 from model.report.sheets import everyday_objects, first_objects
 from model.report.targets import checks, target_table
@@ -52,7 +52,8 @@ def report(models: Sequence[Path], data: Path, split: Split, root: Path, seed: i
     classes = [class_of(case.entry) for case in objects]
     targets = target_table(checks(all_evaluations(ours, others), ours.method, classes, shipped.bytes_, shipped.ms))
     on_surfaces = surfaces.section(Trials.read(root / SURFACES))
-    sections = [runs.section(root), on_surfaces, mixtures.section(root), color.section(in_color) if in_color else ""]
+    sections = [runs.section(root), on_surfaces, mixtures.section(root)]
+    sections += [color.section(in_color) if in_color else "", estimates.sections(root)]
     page = markdown(ours, others, shipped, classes, targets, [section for section in sections if section])
     (root / "RESULTS.md").write_text(page, encoding="utf-8")
     return targets

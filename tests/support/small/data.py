@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from model.data.manifest import VARIANTS, Entry, Manifest, Split
-from service.drawing.cloud import draw
+from service.drawing.cloud import ELEVATION_DEG, draw
 
 NAMES = ("Chair", "Table", "Sofa", "Bed", "Desk lamp", "Cabinet", "Vase")
 VIEWS = 24
@@ -23,9 +23,11 @@ def write(folder: Path, train: int = 6, test: int = 4) -> Path:
         name = f"object{number:02d}"
         entry = Entry(name, NAMES[number % len(NAMES)], "s", "Living room", "", "CC0", "", f"objects/{name}.npz", split)
         points = box(number)
-        np.savez(folder / entry.file, views=views(points, VIEWS), points=points, colours=colors(points))
+        ring = cameras(VIEWS)[:, :2]
+        np.savez(folder / entry.file, views=views(points, VIEWS), cameras=ring, points=points, colours=colors(points))
         if split == "test":
-            np.savez(folder / VARIANTS / f"{name}__0.npz", views=views(points, 12, 7.0), points=points)
+            free = cameras(12, 7.0)
+            np.savez(folder / VARIANTS / f"{name}__0.npz", views=views(points, 12, 7.0), cameras=free, points=points)
         entries.append(entry)
     Manifest(0, tuple(entries), {}, {}).write(folder / "manifest.json")
     return folder
@@ -46,6 +48,12 @@ def colors(points: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
     """Return a color per point, (n, 3) uint8: red grows to the right, green upwards, blue to the front."""
     values: npt.NDArray[np.uint8] = np.rint(255 * (points + 0.5)).astype(np.uint8)
     return values
+
+
+def cameras(count: int, azimuth: float = 0.0) -> npt.NDArray[np.float32]:
+    """Return the cameras of `views`, (count, 4): azimuth, elevation, distance, roll."""
+    azimuths = azimuth + np.arange(count) * 360 / count
+    return np.stack([[each, ELEVATION_DEG, 3, 0] for each in azimuths]).astype(np.float32)
 
 
 def views(points: npt.NDArray[np.float32], count: int, azimuth: float = 0.0) -> npt.NDArray[np.uint8]:
