@@ -87,8 +87,10 @@ def decode_with_size(
     concurrent.futures.CancelledError : `stop` was set meanwhile.
     """
     kind = _type_of(data)
+    check_stop(stop)
     try:
         container = kind.read(data)
+        check_stop(stop)
         image, info = _pixels(kind, container, max_pixels, stop)
         orientation = orientation_of(info.get("exif", b"")) if kind.read is avif.read else container.orientation
         image = upright_rgb(image, orientation, container.profile or info.get("icc_profile"))

@@ -5,7 +5,7 @@ libavif reads the size of the picture from a box and notices only after decoding
 
 from typing import Final
 
-from service.encoding.containers.boxes import items
+from service.encoding.containers.boxes import MAX_ITEMS, items
 from service.encoding.containers.container import Container, check_count
 from service.errors import CorruptImage
 
@@ -31,7 +31,7 @@ def read(data: bytes) -> Container:
             hidden[item.kind_at : item.kind_at + 4] = b"skip"
         elif item.kind == b"av01":
             headers += _sequence_headers(item.data)
-            check_count(len(headers), "AV1 pictures")
+            check_count(len(headers), "AV1 pictures", MAX_ITEMS)
         is_tiled |= item.kind == b"grid"
     if data[8:12] == b"avis":
         hidden[8:12] = b"avif"

@@ -8,6 +8,8 @@ from service.encoding.containers.container import check_count
 from service.errors import CorruptImage
 
 MAX_ITEMS: Final = 4_096  # a picture of 64 MP in tiles of 512 x 512 has 256
+TABLES: Final = frozenset({b"iref", b"ipma", b"grpl"})  # libavif's time grows with the square of their entries
+MAX_TABLE_BYTES: Final = 65_536  # of these together: 4,096 items take some 40,000
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,9 @@ def items(data: bytes) -> list[Item]:
     if meta is None:
         return []
     meta.take(4)  # version and flags
-    children = dict(meta.boxes())
+    listed = list(meta.boxes())
+    _check_tables(listed)
+    children = dict(listed)
     kinds = dict(_kinds(children[b"iinf"])) if b"iinf" in children else {}
     store = children.get(b"idat")
     extents = dict(_extents(children[b"iloc"], store.at if store else 0)) if b"iloc" in children else {}
@@ -75,11 +79,22 @@ def items(data: bytes) -> list[Item]:
     ]
 
 
+def _check_tables(listed: list[tuple[bytes, Reader]]) -> None:
+    """Raise TooLarge if the tables that relate items to each other are longer than those of MAX_ITEMS items."""
+    inner = [each for kind, box in listed if kind == b"iprp" for each in Reader(box.data, box.at, box.end).boxes()]
+    check_count(
+        sum(box.end - box.at for kind, box in (*listed, *inner) if kind in TABLES),
+        "bytes that relate its items",
+        MAX_TABLE_BYTES,
+    )
+
+
 def _kinds(box: Reader) -> Iterator[tuple[int, tuple[bytes, int]]]:
     """Yield the number of each item, with its type and the offset of that."""
     version = box.number(4) >> 24
     check_count(box.number(2 if version == 0 else 4), "items", MAX_ITEMS)
-    for _, entry in box.boxes():
+    for count, (_, entry) in enumerate(box.boxes(), 1):
+        check_count(count, "items", MAX_ITEMS)
         version = entry.number(4) >> 24
         if version >= 2:
             number, _ = entry.number(2 if version == 2 else 4), entry.take(2)

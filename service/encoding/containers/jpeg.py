@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
-from service.encoding.containers.container import MAX_PROFILE_BYTES, Container, check_count
+from service.encoding.containers.container import MAX_METADATA_BYTES, MAX_PROFILE_BYTES, Container, check_count
 from service.encoding.containers.exif import orientation_of
 from service.errors import CorruptImage
 
@@ -23,6 +23,7 @@ NEEDED: Final = {0xE0: (b"JFIF\0", 14), 0xEE: (b"Adobe", 12)}  # name and least 
 EXIF_NAME: Final = b"Exif\0\0"
 XMP_NAME: Final = b"http://ns.adobe.com/xap/1.0/\0"
 ICC_NAME: Final = b"ICC_PROFILE\0"
+MAX_ICC_PARTS: Final = 255  # their number is a byte
 
 
 @dataclass
@@ -78,14 +79,15 @@ class _Frame:
 class _Metadata:
     """The segments that say how the pixels are to be shown."""
 
-    exif: bytes = b""
+    exif: bytearray = field(default_factory=bytearray)
     xmp: bytes = b""
     icc: list[bytes] = field(default_factory=list)
 
     def add(self, marker: int, segment: bytes) -> None:
         """Take over one application segment."""
         if marker == EXIF and segment.startswith(EXIF_NAME):
-            self.exif += segment[len(EXIF_NAME) :]  # one too long for a segment goes on in the next
+            if len(self.exif) < MAX_METADATA_BYTES:
+                self.exif += segment[len(EXIF_NAME) :]  # one too long for a segment goes on in the next
         elif marker == EXIF and segment.startswith(XMP_NAME):
             self.xmp = segment
         elif marker == ICC and segment.startswith(ICC_NAME):
@@ -94,9 +96,10 @@ class _Metadata:
     @property
     def profile(self) -> bytes | None:
         """The ICC profile, joined in the order of its numbered parts; None if one is missing."""
+        if not 0 < len(self.icc) <= MAX_ICC_PARTS:
+            return None
         parts = sorted(self.icc)
-        numbers = [part[:1] for part in parts]
-        if not parts or numbers != [bytes([number]) for number in range(1, min(len(parts), 255) + 1)]:
+        if [part[:1] for part in parts] != [bytes([number]) for number in range(1, len(parts) + 1)]:
             return None
         profile = b"".join(part[2:] for part in parts)
         is_whole = all(part[1:2] == bytes([len(parts)]) for part in parts)
@@ -123,6 +126,8 @@ def read(data: bytes) -> Container:
         elif marker == CUT:
             end = segment.start
         elif marker in START_OF_FRAME:
+            if frames:
+                raise CorruptImage("the image is truncated or corrupt: the JPEG has two frames", field="image")
             frames.append(_Frame(marker, segment.content))
         elif marker == SCAN and frames:
             frames[0].add_scan(segment.content)
@@ -130,12 +135,12 @@ def read(data: bytes) -> Container:
             metadata.add(marker, segment.content)
             kept.append(data[begin : segment.start])
             begin = segment.end
-    if len(frames) != 1 or frames[0].scans == 0 or (is_cut and not frames[0].is_complete):
+    if not frames or frames[0].scans == 0 or (is_cut and not frames[0].is_complete):
         raise CorruptImage("the image is truncated or corrupt: not all scans of the JPEG are there", field="image")
     return Container(
         b"".join((*kept, data[begin:end])),
         frames[0].size,
-        orientation_of(metadata.exif, metadata.xmp),
+        orientation_of(bytes(metadata.exif), metadata.xmp),
         metadata.profile,
         buffered_bytes=frames[0].buffered_bytes,
         passes=frames[0].passes,

@@ -20,6 +20,8 @@ END: Final = b"\0\0\0\0IEND\xaeB`\x82"
 PALETTE: Final = 3  # color type
 KEY_VALUES: Final = {0: 1, 2: 3}  # color type -> numbers of a transparent value: gray, RGB
 TEXT: Final = (b"tEXt", b"zTXt", b"iTXt")
+XMP_KEY: Final = b"XML:com.adobe.xmp"
+EXIF_KEY: Final = b"Raw profile type exif"
 HEX_EXIF: Final = re.compile(rb"\s*exif\s+\d+\s+([0-9a-fA-F\s]*)")  # as ImageMagick writes it
 
 
@@ -64,30 +66,47 @@ def read(data: bytes) -> Container:
 
 
 class _Metadata:
-    """The chunks that say how the pixels are to be shown; damaged ones are ignored."""
+    """The chunks that say how the pixels are to be shown. The first of each kind counts; damaged ones are ignored.
+
+    A chunk is unpacked when its value is read, so a thousand of a kind take no longer than one.
+    """
 
     def __init__(self) -> None:
-        self.exif = self.xmp = b""
-        self.profile: bytes | None = None
+        self._first: dict[bytes, tuple[bytes, bytes]] = {}  # type, or keyword of a text -> type and content
 
     def add(self, kind: bytes, data: bytes) -> None:
         """Take over one chunk."""
-        if kind == b"eXIf":
-            self.exif = data
-        elif kind == b"iCCP":
-            packed = data.partition(b"\0")[2]  # after the name; a byte says how it is packed: 0, by zlib
-            self.profile = unpacked(packed[1:], MAX_PROFILE_BYTES) if packed[:1] == b"\0" else None
+        if kind in (b"eXIf", b"iCCP"):
+            self._first.setdefault(kind, (kind, data))
         elif kind in TEXT:
             key, _, rest = data.partition(b"\0")
-            if key == b"XML:com.adobe.xmp" or (key == b"Raw profile type exif" and not self.exif):
-                self._add_text(key, _text(kind, rest))
+            if key in (XMP_KEY, EXIF_KEY):
+                self._first.setdefault(key, (kind, rest))
 
-    def _add_text(self, key: bytes, text: bytes) -> None:
-        if key.startswith(b"XML"):
-            self.xmp = text
-        elif match := HEX_EXIF.match(text):
+    @property
+    def exif(self) -> bytes:
+        """EXIF as a chunk, else as ImageMagick's text; empty if there is none."""
+        _, data = self._first.get(b"eXIf", (b"", b""))
+        match = None if data else HEX_EXIF.match(self._text(EXIF_KEY))
+        if match:
             digits = b"".join(match[1].split())
-            self.exif = bytes.fromhex(digits[: len(digits) // 2 * 2].decode("ascii"))
+            data = bytes.fromhex(digits[: len(digits) // 2 * 2].decode("ascii"))
+        return data
+
+    @property
+    def xmp(self) -> bytes:
+        """XMP; empty if there is none."""
+        return self._text(XMP_KEY)
+
+    @property
+    def profile(self) -> bytes | None:
+        """The ICC profile; None if there is none."""
+        _, data = self._first.get(b"iCCP", (b"", b""))
+        packed = data.partition(b"\0")[2]  # after the name; a byte says how it is packed: 0, by zlib
+        return unpacked(packed[1:], MAX_PROFILE_BYTES) if packed[:1] == b"\0" else None
+
+    def _text(self, key: bytes) -> bytes:
+        return _text(*self._first[key]) if key in self._first else b""
 
 
 def _text(kind: bytes, rest: bytes) -> bytes:
