@@ -1,9 +1,11 @@
 """The request context: what the middleware learns about a request, for other middleware, the routes and the log."""
 
+import socket
 from collections.abc import MutableMapping
 from dataclasses import dataclass
 from typing import Any, Final
 
+IPV4_IN_IPV6: Final = bytes(10) + b"\xff\xff"  # RFC 4291, 2.5.5.2
 _SCOPE_KEY: Final = "hof.context"
 _REFUSAL_KEY: Final = "hof.refusal"
 
@@ -49,6 +51,21 @@ def refusal_of(scope: MutableMapping[str, Any]) -> int | None:
 
 
 def client_of(scope: MutableMapping[str, Any]) -> str | None:
-    """Return the address of a request's client; None if it is unknown."""
+    """Return by what a request's client is counted; None if its address is unknown.
+
+    That is its IPv4 address, or the network of 64 bits of its IPv6 address: a host has all addresses of such a network.
+    """
     client: tuple[str, int] | None = scope.get("client")
-    return client[0] if client else None
+    return _network_of(client[0]) if client else None
+
+
+def _network_of(address: str) -> str:
+    if ":" not in address:
+        return address
+    try:
+        packed = socket.inet_pton(socket.AF_INET6, address.partition("%")[0])
+    except (OSError, ValueError):  # whatever a trusted proxy wrote
+        return address
+    if packed.startswith(IPV4_IN_IPV6):
+        return socket.inet_ntop(socket.AF_INET, packed[len(IPV4_IN_IPV6) :])
+    return f"{socket.inet_ntop(socket.AF_INET6, packed[:8] + bytes(8))}/64"

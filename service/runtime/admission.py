@@ -24,7 +24,7 @@ class ClientLeft(Exception):
 class Gate:
     """Admit work of one kind as long as all admitted work stays within a limit; an empty gate admits any amount.
 
-    A client that is named, by its address, leaves room for others: see SHARE. The more clients, the less each may hold.
+    A client that is named, by its address or network, leaves room for others: see SHARE. The more clients, the less each may hold.
 
     For one event loop, not for several threads.
 
@@ -53,7 +53,7 @@ class Gate:
         if others + amount > self._limit:
             self._refuse(f"the service works on its limit of {self._limit} {self._unit}")
         if client is not None and self._held_by[client] - own + amount > SHARE * (self._limit - self.held):
-            self._refuse(f"this address has its share of the service's {self._limit} {self._unit}")
+            self._refuse(f"this address or its network has its share of the service's {self._limit} {self._unit}")
 
     @contextmanager
     def admit(self, amount: int = 1, client: str | None = None) -> Iterator["Admitted"]:
@@ -107,7 +107,7 @@ class Admitted:
     Attributes
     ----------
     amount : the work, in the unit of the gate.
-    client : address of the client; None for work without one.
+    client : address or network of the client; None for work without one.
     """
 
     def __init__(self, gate: Gate, client: str | None) -> None:

@@ -9,6 +9,8 @@ from starlette.requests import ClientDisconnect, Request
 from service.errors import InvalidInput, InvalidParameter, TooLarge
 from service.runtime.admission import Admitted, ClientLeft
 
+MAX_DELIMITERS: Final = 64  # of a form; one field has two
+MAX_PADDING: Final = 64  # spaces and tabs after a delimiter; nobody sends any
 FORM_OVERHEAD_BYTES: Final = 16_384  # boundaries and headers of a one-field form
 
 
@@ -65,6 +67,7 @@ async def read_image(request: Request, max_bytes: int, admitted: Admitted) -> by
 
 def form_image(body: bytes, boundary: bytes) -> bytes:
     """Return the bytes of the one field, `image`, of a multipart form. Raises as `read_image` does."""
+    _check_delimiters(body, boundary)
     images: list[bytes] = []
     ended: list[bool] = []
 
@@ -100,3 +103,24 @@ def form_image(body: bytes, boundary: bytes) -> bytes:
     if not images:
         raise InvalidParameter("the form lacks the field image", field="image")
     return images[0]
+
+
+def _check_delimiters(body: bytes, boundary: bytes) -> None:
+    """Raise InvalidInput if a form has more delimiters, or more spaces after one, than the limits.
+
+    The parser runs on the event loop and steps in Python through each, even if it turns out to be data of the field.
+    """
+    delimiter, count, at = b"\r\n--" + boundary, 0, 0
+    while (at := body.find(delimiter, at)) >= 0:
+        count, at = count + 1, at + len(delimiter)
+        if count > MAX_DELIMITERS:
+            raise InvalidInput(
+                f"the form has its boundary more than {MAX_DELIMITERS} times, the limit: send one field, image, and a "
+                "boundary that is not in it",
+                field="image",
+            )
+        padding = body[at : at + MAX_PADDING + 1]
+        if len(padding) > MAX_PADDING and not padding.strip(b" \t"):
+            raise InvalidInput(
+                f"the form has more than {MAX_PADDING} spaces after a boundary, the limit: send none", field="image"
+            )

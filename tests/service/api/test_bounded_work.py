@@ -123,6 +123,25 @@ def test_infer_of_a_hostile_body_takes_less_than_a_sound_one(served: Served, sou
     assert max(seconds) < STALL * sound_stall_s
 
 
+FORM_HEAD = b'--x\r\nContent-Disposition: form-data; name="image"; filename="a"\r\n\r\n'
+FORMS: dict[str, Callable[[], bytes]] = {
+    "boundaries that are data": lambda: FORM_HEAD + b"\r\n--xA" * 3_000_000,
+    "boundaries that begin to end": lambda: FORM_HEAD + b"\r\n--x-A" * 2_800_000,
+    "spaces after a boundary": lambda: FORM_HEAD + b"abc\r\n--x" + b" " * 19_000_000,
+    "tiny fields": lambda: (FORM_HEAD + b"\r\n") * 270_000,
+}
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_hostile_form_takes_less_than_a_sound_inference(served: Served, sound_stall_s: float, name: str) -> None:
+    body, headers = FORMS[name](), {"Content-Type": "multipart/form-data; boundary=x"}
+    with _probes(served.url) as seconds:
+        answer = httpx.post(f"{served.url}/encode", content=body, headers=headers, timeout=DEADLINE_S)
+    assert answer.status_code == 400
+    assert len(answer.content) < 2_000
+    assert max(seconds) < STALL * sound_stall_s
+
+
 def test_unread_surfaces_hold_bounded_memory_until_the_client_timeout(tmp_path: Path) -> None:
     with (
         hof_serve(tmp_path, SHIPPED_MODEL, "--client-timeout-s=15", "--max-points-in-flight=100000000") as served,

@@ -57,6 +57,34 @@ def test_forwarded_address_is_believed_from_the_named_proxies(model_path: Path, 
         assert clients_in(tmp_path) == ["127.0.0.1", "192.0.2.1", "192.0.2.2", "192.0.2.3"]
 
 
+def test_addresses_of_an_ipv6_network_share_a_rate(model_path: Path, tmp_path: Path) -> None:
+    flags = ("--trusted-proxies=127.0.0.1", "--rate-limit=3/hour", "--log-format=json")
+    network = ["2001:db8::1", "2001:db8:0:0:ffff::2", "2001:DB8::3", "2001:db8::4"]
+    others = ["2001:db8:0:1::1", "::ffff:192.0.2.1", "::ffff:192.0.2.2", "192.0.2.2", "fe80::1%eth0"]
+    with hof_serve(tmp_path, model_path, *flags) as (url, _):
+        assert [ask(url, listing(address)).status for address in network] == [200, 200, 200, 429]
+        assert {ask(url, listing(address)).status for address in others} == {200}
+        assert [ask(url, listing("::ffff:192.0.2.2")).status for _ in range(2)] == [200, 429]  # an IPv4 address
+        until(lambda: len(clients_in(tmp_path)) == 11)
+        assert clients_in(tmp_path)[:4] == network
+
+
+def test_addresses_of_an_ipv6_network_share_the_room_for_photos(model_path: Path, tmp_path: Path) -> None:
+    flags = ("--trusted-proxies=127.0.0.1", "--max-queued-images=8", "--client-timeout-s=600")
+
+    def forwarded(request: bytes, address: str) -> bytes:
+        return request.replace(b"Host: x", b"Host: x\r\nX-Forwarded-For: " + address.encode())
+
+    with hof_serve(tmp_path, model_path, *flags) as (url, _), ExitStack() as stack:
+        for count in range(1, 7):
+            connection = stack.enter_context(connect_to(url))
+            connection.sendall(forwarded(UPLOAD, f"2001:db8::{count}") + 63 * b"a")
+            until(lambda count=count: in_flight(url) == count)  # type: ignore[misc]
+        refused = ask(url, forwarded(photo_request(), "2001:db8::99"))
+        assert (refused.status, b"share" in refused.body) == (429, True)
+        assert ask(url, forwarded(photo_request(), "2001:db8:0:1::99")).status == 201
+
+
 @pytest.fixture
 def url(model_path: Path, tmp_path: Path) -> Iterator[str]:
     """Run a server with room for eight photos, 3 MB of bodies and eight streams."""
