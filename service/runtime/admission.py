@@ -24,7 +24,8 @@ class ClientLeft(Exception):
 class Gate:
     """Admit work of one kind as long as all admitted work stays within a limit; an empty gate admits any amount.
 
-    A client that is named, by its address or network, leaves room for others: see SHARE. The more clients, the less each may hold.
+    A client that is named, by its address or network, leaves room for others: see SHARE. The more clients, the less
+    each may hold.
 
     For one event loop, not for several threads.
 

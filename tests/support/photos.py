@@ -56,8 +56,8 @@ def with_metadata(file: bytes, name: bytes, data: bytes) -> bytes:
     return b"RIFF" + struct.pack("<I", len(flagged) + 4) + b"WEBP" + flagged
 
 
-def many_scans(count: int) -> bytes:
-    """Return a progressive JPEG whose last scan comes `count` times more."""
-    data = image_file(disc("blue", (512, 512), (80, 80)), "JPEG", progressive=True)
+def many_scans(count: int, side: int = 512) -> bytes:
+    """Return a progressive JPEG of (side, side) pixels whose last scan comes `count` times more."""
+    data = image_file(disc("blue", (side, side), (80, 80)), "JPEG", progressive=True)
     start = data.rindex(b"\xff\xda")
     return data[:-2] + data[start:-2] * count + b"\xff\xd9"
