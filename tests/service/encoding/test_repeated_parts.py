@@ -11,6 +11,7 @@ import httpx
 import pytest
 
 from service.encoding.containers import jpeg
+from service.encoding.containers.container import Container
 from service.encoding.decode import DEFAULT_MAX_PIXELS, decode_with_size
 from service.settings import MIB
 from tests.support.photos import disc, image_file, png_chunk
@@ -103,7 +104,7 @@ def test_photo_that_repeats_a_part_costs_little(served: Served, name: str) -> No
 def test_decode_stopped_while_the_container_is_read_decodes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     stop, read = threading.Event(), jpeg.read
 
-    def read_and_stop(data: bytes) -> jpeg.Container:
+    def read_and_stop(data: bytes) -> Container:
         stop.set()
         return read(data)
 
