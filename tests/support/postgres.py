@@ -72,6 +72,20 @@ class Postgres:
             _signal(pids, signal.SIGCONT)
 
     @contextmanager
+    def standby(self) -> Iterator["Postgres"]:
+        """Run a copy of this server that follows it and accepts no writes, until the block ends."""
+        with _folder() as folder:
+            source = ["-h", "127.0.0.1", "-p", str(self.port), "-U", USER]
+            copy = [_tool("pg_basebackup"), *source, "-D", str(folder / "data"), "-R", "-c", "fast", "--no-sync"]
+            subprocess.run([*_unprivileged(), *copy], check=True, capture_output=True, cwd=folder)
+            with _started(folder, "") as server:
+                yield server
+
+    def promote(self) -> None:
+        """Let a standby accept writes, and wait until it does."""
+        subprocess.run([*self._control, "promote"], check=True, stdout=subprocess.DEVNULL, cwd=self.folder)
+
+    @contextmanager
     def bouncer(self, url: str, port: int | None = None) -> Iterator[str]:
         """Run PgBouncer, with two connections shared by transaction; the URL of the same database through it."""
         port = port or free_port()
@@ -91,19 +105,32 @@ class Postgres:
 @contextmanager
 def running_postgres(options: str = "") -> Iterator[Postgres]:
     """Run the server until the block ends. It is quick because it writes nothing safe from a crash of the machine."""
+    with _folder() as folder:
+        setup = [_tool("initdb"), "-D", str(folder / "data"), "-U", USER, "-A", "trust", "-E", "UTF8", "--no-sync"]
+        subprocess.run([*_unprivileged(), *setup], check=True, capture_output=True, cwd=folder)
+        with _started(folder, options) as server:
+            yield server
+
+
+@contextmanager
+def _folder() -> Iterator[Path]:
+    """Make a temporary folder that belongs to the server's user."""
     with tempfile.TemporaryDirectory(prefix="hof-postgres-") as name:
         folder = Path(name)
         if os.geteuid() == 0:
             shutil.chown(folder, USER)
-        data = folder / "data"
-        setup = [_tool("initdb"), "-D", str(data), "-U", USER, "-A", "trust", "-E", "UTF8", "--no-sync"]
-        subprocess.run([*_unprivileged(), *setup], check=True, capture_output=True, cwd=folder)
-        server = Postgres(folder, free_port(), options)
-        server.start()
-        try:
-            yield server
-        finally:
-            server.stop("immediate")
+        yield folder
+
+
+@contextmanager
+def _started(folder: Path, options: str) -> Iterator[Postgres]:
+    """Run the server whose data are in a folder until the block ends."""
+    server = Postgres(folder, free_port(), options)
+    server.start()
+    try:
+        yield server
+    finally:
+        server.stop("immediate")
 
 
 def _unprivileged() -> list[str]:
