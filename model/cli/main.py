@@ -3,16 +3,21 @@
 import argparse
 import sys
 from collections.abc import Sequence
+from typing import Final
 
 from model.cli import data, evaluate, heads, paper, train
 from service.errors import HofError
 
+INTERRUPTED: Final = 130  # as shells report SIGINT
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one stage; its modules are imported only then. Return the exit status."""
-    arguments = _parser().parse_args(argv)
     try:
+        arguments = _parser().parse_args(argv)
         arguments.run(arguments)
+    except KeyboardInterrupt:
+        return INTERRUPTED
     except (OSError, ValueError, HofError) as error:
         print(f"hof-model: {error}", file=sys.stderr)
         return 2

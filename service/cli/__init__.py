@@ -1,5 +1,10 @@
 """The `hof` command."""
 
-from service.cli.main import main
+import sys
+
+try:
+    from service.cli.main import main
+except KeyboardInterrupt:  # Ctrl-C while the command's modules are imported
+    sys.exit(130)
 
 __all__ = ["main"]

@@ -31,8 +31,8 @@ INTERRUPTED, TERMINATED, UNREAD = 130, 143, 141  # as shells report SIGINT, SIGT
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command and return its exit status. An error is one line on stderr."""
-    arguments = _parser().parse_args(argv)
     try:
+        arguments = _parser().parse_args(argv)
         with nullcontext() if arguments.run is _serve else _ending_on_sigterm():
             status: int | None = arguments.run(arguments)
     except KeyboardInterrupt:
