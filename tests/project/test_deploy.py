@@ -21,6 +21,7 @@ MANIFESTS: dict[str, dict[str, Any]] = {
 }
 POD = MANIFESTS["deployment.yaml"]["spec"]["template"]
 (CONTAINER,) = POD["spec"]["containers"]
+POSTGRES_CONNECTIONS = 100 - 3  # max_connections less superuser_reserved_connections, by default
 LABELS = {"app.kubernetes.io/name": "hof"}
 
 
@@ -106,6 +107,27 @@ def test_user_is_that_of_the_image_without_privileges() -> None:
 
 def test_grace_period_exceeds_drain_and_shutdown() -> None:
     assert POD["spec"]["terminationGracePeriodSeconds"] > _default("drain_s") + _default("shutdown_s")
+
+
+def test_connections_of_all_replicas_fit_into_postgresql() -> None:
+    """Count the replicas of the worst time: all new ones run, with the surge of an update, and all old ones drain."""
+    most = MANIFESTS["autoscaler.yaml"]["spec"]["maxReplicas"]
+    surge = MANIFESTS["deployment.yaml"]["spec"]["strategy"]["rollingUpdate"]["maxSurge"]
+    env = {variable["name"]: variable.get("value") for variable in CONTAINER["env"]}
+    replicas, connections = most + surge + most, int(env["HOF_DATABASE_CONNECTIONS"])
+    assert "HOF_WORKERS" not in env
+    assert _default("workers") == 1
+    assert replicas * connections <= POSTGRES_CONNECTIONS
+    operations = (ROOT / "docs" / "operations.md").read_text("utf-8")
+    for text in (
+        f"{most} + {surge} + {most} = {replicas} replicas",
+        f"`HOF_DATABASE_CONNECTIONS={connections}`",
+        f"{replicas} \u00d7 {connections} = {replicas * connections} \u2264 {POSTGRES_CONNECTIONS}",
+    ):
+        assert text in operations
+    assert (
+        f"{connections} connections to PostgreSQL (`HOF_DATABASE_CONNECTIONS`), {replicas * connections} in" in README
+    )
 
 
 def test_memory_limits_exceed_what_the_service_admits() -> None:
