@@ -4,6 +4,7 @@ import importlib.util
 from pathlib import Path
 from typing import Any
 
+import DracoPy  # type: ignore[import-not-found]
 import numpy as np
 import pytest
 import trimesh
@@ -92,3 +93,36 @@ def test_read_gltf_draco_without_decoder_names_extension_and_remedy(
     write_gltf(tmp_path / "box.gltf", 0, extensionsRequired=["KHR_draco_mesh_compression"])
     with pytest.raises(ValueError, match=r"needs KHR_draco_mesh_compression, .* export it without or install DracoPy"):
         load(tmp_path / "box.gltf")
+
+
+def test_read_gltf_draco_gives_shape_and_color(tmp_path: Path) -> None:
+    solid = box(0)
+    data = DracoPy.encode(solid.vertices, solid.faces, quantization_bits=14)
+    (position,) = DracoPy.decode(data).attributes
+    compressed = {"bufferView": 0, "attributes": {"POSITION": position["unique_id"]}}
+    primitive = {
+        "attributes": {"POSITION": 0},
+        "indices": 1,
+        "material": 0,
+        "extensions": {"KHR_draco_mesh_compression": compressed},
+    }
+    write_gltf(
+        tmp_path / "box.gltf",
+        0,
+        extensionsUsed=["KHR_draco_mesh_compression"],
+        extensionsRequired=["KHR_draco_mesh_compression"],
+        material={"pbrMetallicRoughness": {"baseColorFactor": [1, 0, 0, 1]}},
+        meshes=[{"primitives": [primitive]}],
+        accessors=[
+            {"componentType": 5126, "count": len(solid.vertices), "type": "VEC3"},
+            {"componentType": 5123, "count": solid.faces.size, "type": "SCALAR"},
+        ],
+        bufferViews=[{"buffer": 0, "byteOffset": 0, "byteLength": len(data)}],
+        buffers=[{"byteLength": len(data), "uri": data_uri(data)}],
+    )
+    part, losses = load(tmp_path / "box.gltf")
+    assert losses == []
+    assert part.is_watertight
+    assert part.volume == pytest.approx(solid.volume, rel=1e-3)
+    np.testing.assert_allclose(part.bounds, solid.bounds, atol=1e-3 * np.ptp(solid.bounds))
+    assert material_color(part)[0].tolist() == [255, 0, 0]
