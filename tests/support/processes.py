@@ -24,6 +24,13 @@ HOF: Final = str(Path(sys.executable).with_name("hof"))
 START_TIMEOUT_S: Final = 120
 STOP_TIMEOUT_S: Final = 20
 PR_SET_PDEATHSIG: Final = 1  # linux/prctl.h: a signal for when the parent ends
+# Runs a command as a user without a passwd entry and without a home folder; only root can. That user may read and write
+# all files, since Python and the tests' folders may be closed to it.
+USER_WITHOUT_HOME: Final = (
+    *("setpriv", "--reuid=12345", "--regid=12345", "--clear-groups"),
+    *("--inh-caps=+dac_override", "--ambient-caps=+dac_override"),
+    *("env", "-u", "HOME", "-u", "XDG_DATA_HOME"),
+)
 _C: Final = ctypes.CDLL(None)  # looked up before any fork
 
 

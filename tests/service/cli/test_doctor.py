@@ -5,7 +5,6 @@ import os
 import socket
 import sqlite3
 import subprocess
-import sys
 from contextlib import closing
 from pathlib import Path
 
@@ -14,6 +13,7 @@ import pytest
 from service.storage import database
 from tests.support import ROOT
 from tests.support.postgres import Postgres
+from tests.support.processes import HOF, USER_WITHOUT_HOME
 
 SCHEMAS = ROOT / "tests" / "service" / "storage" / "schemas"
 TIMEOUT_S = 300
@@ -27,7 +27,7 @@ def _doctor(folder: Path, model: Path, **settings: str) -> tuple[int, dict[str, 
     environment |= {"PYTHONPATH": str(ROOT), "HOF_MODEL": str(model), "HOF_DATABASE_URL": f"sqlite:///{folder}/hof.db"}
     environment |= {"HOF_PORT": "0", "U2NET_HOME": ""}
     run = subprocess.run(
-        [str(Path(sys.executable).with_name("hof")), "doctor"],
+        [HOF, "doctor"],
         env=environment | settings,
         cwd=folder,
         capture_output=True,
@@ -107,11 +107,8 @@ def test_doctor_of_an_unusable_database_fails(model_path: Path, tmp_path: Path, 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can become a user without a passwd entry")
 @pytest.mark.parametrize("command", ["doctor", "serve"])
 def test_command_of_a_user_without_home_says_which_setting_helps(command: str) -> None:
-    user = ["setpriv", "--reuid=12345", "--regid=12345", "--clear-groups"]
-    user += ["--inh-caps=+dac_override", "--ambient-caps=+dac_override"]  # Python may lie in root's home folder
-    environment = ["env", "-u", "HOME", "-u", "XDG_DATA_HOME", "-u", "HOF_DATABASE_URL"]
     run = subprocess.run(
-        [*user, *environment, str(Path(sys.executable).with_name("hof")), command],
+        [*USER_WITHOUT_HOME, "-u", "HOF_DATABASE_URL", HOF, command],
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         cwd="/",  # the tests' folder is closed to that user
         capture_output=True,

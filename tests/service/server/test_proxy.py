@@ -8,7 +8,7 @@ from urllib.parse import urljoin
 
 import httpx
 import pytest
-from playwright.sync_api import Browser
+from playwright.sync_api import Browser, Page
 
 from service.formats.weights import Weights, dump
 from service.mapping.spec import initial_theta
@@ -91,18 +91,41 @@ def test_host_and_origin_behind_the_proxy_are_checked(url: str) -> None:
         assert answer.status_code == status
 
 
-def test_page_under_a_prefix_encodes_and_draws(browser: Browser, url: str, folder: Path) -> None:
+def _draw_a_photo(page: Page, url: str, folder: Path) -> None:
+    """Give the open page a photo, and wait until it has asked for the points of its object."""
     path = folder / "photo.png"
     path.write_bytes(image_file(disc("red")))
+    with page.expect_response(lambda answer: "/points?" in answer.url) as points:
+        page.locator("#file").set_input_files(path)
+    assert points.value.url.startswith(f"{url}/objects/")
+
+
+def _failures(page: Page) -> list[str]:
+    """Return a list that gets the address of each answer that is an error."""
+    failures: list[str] = []
+    page.on("response", lambda answer: failures.append(answer.url) if answer.status >= 400 else None)
+    return failures
+
+
+def test_page_under_a_prefix_encodes_and_draws(browser: Browser, url: str, folder: Path) -> None:
     httpx.post(f"{url}/encode", content=image_file(disc("blue")), timeout=DEADLINE_S).raise_for_status()
     with browser.new_context() as context:
         page = opened(context.new_page(), url)
-        failures: list[str] = []
-        page.on("response", lambda answer: failures.append(answer.url) if answer.status >= 400 else None)
-        with page.expect_response(lambda answer: "/points?" in answer.url) as points:
-            page.locator("#file").set_input_files(path)
-        assert points.value.url.startswith(f"{url}/objects/")
+        failures = _failures(page)
+        _draw_a_photo(page, url, folder)
         page.goto(f"{url}/docs")
         page.locator(".opblock").first.wait_for()
         assert page.locator(".servers option").first.get_attribute("value") == PREFIX
         assert failures == []
+
+
+def test_page_under_a_prefix_without_the_setting_encodes_and_draws(
+    browser: Browser, tmp_path: Path, model_path: Path
+) -> None:
+    with hof_serve(tmp_path, model_path) as (address, _), behind_nginx(address, PREFIX, tmp_path) as url:
+        httpx.post(f"{url}/encode", content=image_file(disc("blue")), timeout=DEADLINE_S).raise_for_status()
+        with browser.new_context() as context:
+            page = opened(context.new_page(), url)
+            failures = _failures(page)
+            _draw_a_photo(page, url, tmp_path)
+            assert failures == []
