@@ -42,7 +42,7 @@ class Moves:
 
     @cached_property
     def groups(self) -> list[tuple[int, Mask]]:
-        """Each length, and which moves have it."""
+        """Pairs of a length and the mask of the moves that have it, (m,)."""
         return [(length, self.lengths == length) for length in np.unique(self.lengths).tolist()]
 
 

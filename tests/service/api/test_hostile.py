@@ -1,7 +1,7 @@
 """Requests that mean harm, over a raw socket or at a real process. Each is refused in a sentence and costs little.
 
-Others are where what they attack is: damaged and lying images in test_images and test_fuzz, bodies without an end in
-test_encode, those that stall in test_cancel, floods in test_overload, heads in test_heads, weights in test_weights.
+Others are tested beside what they attack, in the folders of the same name as the code's: damaged and lying images in
+encoding/, request heads, bodies without an end and stalled clients in server/ and api/, weights files in formats/.
 """
 
 import io
