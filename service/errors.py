@@ -1,15 +1,15 @@
-"""The errors of this project; `service.api.app` answers each with its HTTP status.
+"""The errors of this project; `service.api.problems` turns each into an answer with its HTTP status.
 
     HofError                    500
-    ├── InvalidInput            400  bytes that are not of the claimed type
+    ├── InvalidInput            400  a body that cannot be read, or a request against the rules of HTTP
     │   ├── CorruptImage
     │   └── CorruptWeights
     ├── Unauthenticated         401  no API key, or an unknown one
     ├── Forbidden               403  a key without the scope that the call needs; another site's page
-    ├── NotFound                404  no object with this id
-    ├── Stalled                 408  a client that stopped sending
-    ├── InUse                   409  an object that a composed object uses
+    ├── NotFound                404  no object with this id, or no model or page of this name
     ├── NotAcceptable           406  no format satisfies the Accept header
+    ├── Stalled                 408  a request that arrives too slowly
+    ├── InUse                   409  an object that a composed object uses
     ├── TooLarge                413  more bytes or pixels than the limit
     ├── UnsupportedMedia        415  a body that is not an image of a supported type
     ├── Misdirected             421  a host name that is not this service's
@@ -20,7 +20,7 @@
     ├── TryLater                     a call that may succeed later, and when
     │   ├── Overloaded          429  the queue or a limit in flight is full
     │   ├── RateLimited         429  more requests than the rate limit
-    │   ├── NotReady            503  the encoder is still loading
+    │   ├── NotReady            503  the service starts or stops, or a part of it does not answer
     │   └── StoreUnavailable    503  the database does not answer, or accepts no writes
     ├── UnsupportedVersion      505  another version of HTTP than 1.0 and 1.1
     ├── StoreFull               507  the database has no space left
@@ -46,7 +46,7 @@ class HofError(Exception):
 
 
 class InvalidInput(HofError):
-    """Bytes that are not of the claimed type."""
+    """A body that cannot be read, or a request against the rules of HTTP."""
 
     status = 400
     title = "Invalid input"
@@ -79,14 +79,21 @@ class Forbidden(HofError):
 
 
 class NotFound(HofError):
-    """No object with this id."""
+    """No object with this id, or no model or page of this name."""
 
     status = 404
     title = "Not found"
 
 
+class NotAcceptable(HofError):
+    """No format of the service satisfies the request's Accept header."""
+
+    status = 406
+    title = "Not acceptable"
+
+
 class Stalled(HofError):
-    """A request whose next bytes do not arrive in time."""
+    """A request that arrives too slowly."""
 
     status = 408
     title = "Stalled"
@@ -97,13 +104,6 @@ class InUse(HofError):
 
     status = 409
     title = "In use"
-
-
-class NotAcceptable(HofError):
-    """No format of the service satisfies the request's Accept header."""
-
-    status = 406
-    title = "Not acceptable"
 
 
 class TooLarge(HofError):
@@ -176,7 +176,7 @@ class RateLimited(TryLater):
 
 
 class NotReady(TryLater):
-    """The service is starting or stopping."""
+    """The service is starting or stopping, or a part of it does not answer."""
 
     status = 503
     title = "Not ready"

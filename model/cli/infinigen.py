@@ -41,13 +41,13 @@ def _infinigen(arguments: argparse.Namespace) -> None:
     command = worker_command(interpreter(arguments.environment))
     earlier, start_s = len(_kinds(arguments.out)), _processor_s()
     failures = generate(arguments.out, arguments.count, command, arguments.limit_s, arguments.processes)
-    made = Counter(_kinds(arguments.out))
+    finished = Counter(_kinds(arguments.out))
     failed = Counter(name.split("-", 1)[1] for name in failures)
-    for kind in sorted(made | failed):
-        print(f"{kind:<24}{made[kind]:>6} made{failed[kind]:>6} failed")
-    used_s, added = _processor_s() - start_s, made.total() - earlier
+    for kind in sorted(finished | failed):
+        print(f"{kind:<24}{finished[kind]:>6} made{failed[kind]:>6} failed")
+    used_s, added = _processor_s() - start_s, finished.total() - earlier
     print(f"{added} objects in {used_s:.0f} s of processor time: {3600 * added / max(used_s, 1):.0f} an hour and core")
-    print(f"{made.total()} objects of {len(made)} kinds, {failed.total()} failed: {arguments.out}")
+    print(f"{finished.total()} objects of {len(finished)} kinds, {failed.total()} failed: {arguments.out}")
 
 
 def _kinds(folder: Path) -> list[str]:

@@ -24,7 +24,7 @@ _OPTIONAL: Final = {"page": "", "rotation": None}  # field -> value for which ma
 
 @dataclass(frozen=True)
 class Entry:
-    """One object.
+    """An object of the data set: its arrays, its mesh, its source and license, and its split.
 
     mesh_sha256 : identifies its mesh file.
     file : its arrays, relative to the data set's folder.
@@ -127,8 +127,8 @@ def piece_files(folder: Path) -> list[Path]:
 
 def piece_entries(folder: Path) -> tuple[Entry, ...]:
     """Return the entries of the pieces that `hof-model data make --meshes` made; pieces made by rule have none."""
-    made = folder / PIECES
-    return Manifest.read(made).entries if (made / "manifest.json").is_file() else ()
+    pieces = folder / PIECES
+    return Manifest.read(pieces).entries if (pieces / "manifest.json").is_file() else ()
 
 
 def assign_splits(ids: list[str], seed: int, fixed: Mapping[str, Split] | None = None) -> dict[str, Split]:

@@ -55,7 +55,7 @@ class ColorHead(nn.Module):
         nn.init.zeros_(self.correction.bias)
 
     def forward(self, head_inputs: Tensor) -> Tensor:
-        """(b, inputs) -> (b, spec.size)."""
+        """Return the color's weights: (b, inputs) -> (b, spec.size)."""
         cells = head_inputs[:, -3 * CELLS**2 :].reshape(-1, 3, CELLS**2)
         features = self.layers(head_inputs)
         weights = self.where(features).unflatten(1, (3, CELLS**2)).softmax(dim=2)
@@ -78,7 +78,7 @@ class ColoredEncoder(nn.Module):
         self.head = head
 
     def forward(self, image: Tensor) -> tuple[Tensor, Tensor]:
-        """(b, 3, size, size) in [0, 1] -> (b, spec.size), (b, color_spec.size)."""
+        """Return theta and color: (b, 3, size, size) in [0, 1] -> (b, spec.size), (b, color_spec.size)."""
         theta, head_inputs = look(self.encoder, image)
         return theta, self.head(head_inputs)
 

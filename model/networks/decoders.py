@@ -53,7 +53,7 @@ class Lvc(nn.Module):
             nn.init.zeros_(layer.bias)
 
     def forward(self, x: Tensor, code: Tensor) -> Tensor:
-        """(b, n, d), (b, c) with d + c = widths[0] -> (b, n, widths[-1])."""
+        """Apply the layers to points and code: (b, n, d), (b, c) with d + c = widths[0] -> (b, n, widths[-1])."""
         point_weights, code_weights = self.first.weight.split([x.shape[2], code.shape[1]], dim=1)  # type: ignore[no-untyped-call]
         x = nnf.linear(x, point_weights) + nnf.linear(code, code_weights, self.first.bias).unsqueeze(1)
         *between, last = self.others
@@ -73,7 +73,7 @@ class Hof(nn.Module):
         self.encoder = ImageEncoder(config.spec, config.encoder, config.framing.size)
 
     def forward(self, images: Tensor, canonical: Tensor) -> Tensor:
-        """(b, 3, s, s), (b, n, d) -> (b, n, 3)."""
+        """Return the points: (b, 3, s, s), (b, n, d) -> (b, n, 3)."""
         return power(self.spec, self.encoder(images), canonical)
 
 
@@ -89,7 +89,7 @@ class DeepSdf(nn.Module):
         self.second = Lvc([512, 512, 512, 512, 4])
 
     def forward(self, images: Tensor, canonical: Tensor) -> Tensor:
-        """(b, 3, s, s), (b, n, 3) -> (b, n, 3)."""
+        """Return the points: (b, 3, s, s), (b, n, 3) -> (b, n, 3)."""
         code = self.code(self.trunk(images))
         x = self.first(canonical, code).relu()
         points: Tensor = self.second(torch.cat([x, canonical], dim=2), code)[..., :3]
@@ -107,7 +107,7 @@ class FoldingNet(nn.Module):
         self.second = Lvc([3 + FOLDINGNET_CODE, 512, 512, 4])
 
     def forward(self, images: Tensor, canonical: Tensor) -> Tensor:
-        """(b, 3, s, s), (b, n, 3) in the cube, x and y being the grid's -> (b, n, 3)."""
+        """Return the points: (b, 3, s, s), (b, n, 3) in the cube, x and y being the grid's -> (b, n, 3)."""
         code = self.code(self.trunk(images))
         folded = self.first(canonical[..., :2], code)
         points: Tensor = self.second(folded, code)[..., :3]
@@ -123,6 +123,6 @@ class Direct(nn.Module):
         self.head = nn.Linear(self.trunk.width, DIRECT_POINTS * 3)
 
     def forward(self, images: Tensor, canonical: Tensor) -> Tensor:
-        """(b, 3, s, s) -> (b, DIRECT_POINTS, 3), for any number of canonical points."""
+        """Return the points: (b, 3, s, s) -> (b, DIRECT_POINTS, 3), for any number of canonical points."""
         points: Tensor = self.head(self.trunk(images)).unflatten(1, (DIRECT_POINTS, 3))
         return points

@@ -43,7 +43,7 @@ class ImageTrunk(nn.Module):
         self.width = width
 
     def forward(self, image: Tensor) -> Tensor:
-        """(b, 3, size, size) in [0, 1] -> (b, width)."""
+        """Return the features: (b, 3, size, size) in [0, 1] -> (b, width)."""
         return self.look(image)[1]
 
     def look(self, image: Tensor) -> tuple[Tensor, Tensor]:
@@ -66,7 +66,7 @@ class ImageEncoder(ImageTrunk):
         self.head = ThetaHead(spec, self.width)
 
     def forward(self, image: Tensor) -> Tensor:
-        """(b, 3, size, size) in [0, 1] -> (b, spec.size)."""
+        """Return theta: (b, 3, size, size) in [0, 1] -> (b, spec.size)."""
         theta: Tensor = self.head(super().forward(image))
         return theta
 
@@ -96,7 +96,7 @@ class ThetaHead(nn.Module):
         self.register_buffer("scale", spread)
 
     def forward(self, x: Tensor) -> Tensor:
-        """(b, width) -> (b, spec.size)."""
+        """Return theta: (b, width) -> (b, spec.size)."""
         theta: Tensor = self.theta_0 + self.scale * self.linear(x)
         return theta
 
@@ -117,7 +117,7 @@ class DenseMaps(nn.Sequential):
         self.stride = 2 ** (1 + len(config.feature_maps))
 
     def forward(self, images: Tensor) -> Tensor:
-        """(b, 3, s, s) in [0, 1] -> (b, `maps`, s / `stride`, s / `stride`)."""
+        """Return the feature maps: (b, 3, s, s) in [0, 1] -> (b, `maps`, s / `stride`, s / `stride`)."""
         maps: Tensor = super().forward(2 * images - 1)  # type: ignore[no-untyped-call]
         return maps
 
@@ -137,7 +137,7 @@ class DenseBlock(nn.Module):
         )
 
     def forward(self, x: Tensor) -> Tensor:
-        """(b, maps, h, w) -> (b, maps + convolutions * growth, h, w)."""
+        """Append each convolution's maps: (b, maps, h, w) -> (b, maps + convolutions * growth, h, w)."""
         for layer in self.layers:
             x = torch.cat([x, layer(x)], dim=1)
         return x
@@ -155,7 +155,7 @@ class LiteMaps(nn.Module):
         self.stride = lite0.STRIDE
 
     def forward(self, images: Tensor) -> Tensor:
-        """(b, 3, s, s) in [0, 1] -> (b, `maps`, s / `stride`, s / `stride`)."""
+        """Return the feature maps: (b, 3, s, s) in [0, 1] -> (b, `maps`, s / `stride`, s / `stride`)."""
         fine, last = self.lite0.look(images)
         maps = self.joined(last)
         if self.fine is not None:

@@ -82,7 +82,7 @@ class Block(nn.Module):
         self.skips = stride == 1 and maps == grown
 
     def forward(self, x: Tensor) -> Tensor:
-        """(b, maps, s, s) -> (b, grown, s / stride, s / stride)."""
+        """Apply the block: (b, maps, s, s) -> (b, grown, s / stride, s / stride)."""
         wide = x if self.expand is None else nnf.relu6(self.expand(x))
         trains_on_cpu = self.training and x.device.type == "cpu"
         filtered = nnf.relu6(self._train_depthwise(wide) if trains_on_cpu else self.depthwise(wide))

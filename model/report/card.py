@@ -64,7 +64,7 @@ def make_card(
         },
         "exported": provenance(config.seed),
         **({"color": color} if color else {}),
-        "limits": [_seen(manifest, config), *LIMITS, COLOR_LIMIT if color else NO_COLOR_LIMIT],
+        "limits": [_training_images(manifest, config), *LIMITS, COLOR_LIMIT if color else NO_COLOR_LIMIT],
     }
 
 
@@ -78,13 +78,13 @@ def license_of(manifest: Manifest, pieces: Collection[Entry] = ()) -> str:
         (source, license_) for source, license_ in sources if not OPEN.match(license_) or CLOSED.search(license_)
     }
     if not unclear:
-        return f"Apache-2.0; trained on meshes with attribution in NOTICE: {_joined(sources)}"
-    return f"not settled: read the terms of {_joined(unclear)} before you share the file" + (
-        f"; other meshes: {_joined(sources - unclear)}" if sources - unclear else ""
+        return f"Apache-2.0; trained on meshes with attribution in NOTICE: {_join(sources)}"
+    return f"not settled: read the terms of {_join(unclear)} before you share the file" + (
+        f"; other meshes: {_join(sources - unclear)}" if sources - unclear else ""
     )
 
 
-def _joined(sources: set[tuple[str, str]]) -> str:
+def _join(sources: set[tuple[str, str]]) -> str:
     return ", ".join(f"{source} ({license_})" for source, license_ in sorted(sources))
 
 
@@ -98,7 +98,7 @@ def _estimates(training: dict[str, Any] | None) -> str:
   {training["objects"]:,} objects{kept_out}."""
 
 
-def _seen(manifest: Manifest, config: TrainConfig) -> str:
+def _training_images(manifest: Manifest, config: TrainConfig) -> str:
     """Return a sentence on the training images, and so on what they lack."""
     objects = list(manifest.of("train"))
     kinds = ", ".join(sorted({entry.category for entry in objects}))

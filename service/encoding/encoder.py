@@ -89,11 +89,11 @@ class Encoder:
                 raise InvalidModel(f"the model {self.name} gave a {name} that is not finite")
         color_spec, count = self.color_spec, len(images)
         colors = [Color(color_spec, weights) for weights in outputs["color"]] if color_spec else [None] * count
-        made: list[Estimates | None] = [None] * count
+        of_images: list[Estimates | None] = [None] * count
         if self.makes_estimates:
             rows = zip(outputs[estimates.SHAPE_CONFIDENCE], outputs[estimates.CAMERA], strict=True)
-            made = [Estimates.of(*row) for row in rows]
-        return [Encoded(*each) for each in zip(outputs["theta"], colors, made, strict=True)]
+            of_images = [Estimates.of(*row) for row in rows]
+        return [Encoded(*each) for each in zip(outputs["theta"], colors, of_images, strict=True)]
 
     def blank(self) -> Array:
         """Return a white image, (1, 3, size, size): the input for warm-up and health checks."""
@@ -204,7 +204,7 @@ def _check_tensors(kind: str, tensors: list[Any], expected: dict[str, list[int]]
     """Raise InvalidModel unless the tensors are those expected, float32 (batch, *shape) with the batch size open."""
     by_name = {tensor.name: tensor for tensor in tensors}
     if by_name.keys() != expected.keys():
-        raise InvalidModel(f"by its metadata its {kind} is {' and '.join(expected)}, by its graph {', '.join(by_name)}")
+        raise InvalidModel(f"its metadata names the {kind} {', '.join(expected)}, its graph has {', '.join(by_name)}")
     for name, shape in expected.items():
         tensor = by_name[name]
         if tensor.type != "tensor(float)":

@@ -60,8 +60,9 @@ class Matting:
             return cls(path.read_bytes(), threads)
         except OSError as error:
             raise InvalidModel(
-                f"cannot read the matting model {path}: {error.strerror}; download it as the README says, or unset "
-                "HOF_MATTING_MODEL and U2NET_HOME to run without matting"
+                f"cannot read the matting model {path}: {error.strerror}; install it as "
+                "docs/operations.md#background-removal says, or unset HOF_MATTING_MODEL and U2NET_HOME "
+                "to run without matting"
             ) from error
         except InvalidModel as error:
             raise InvalidModel(f"the matting model {path} is unusable: {error.detail}") from error

@@ -42,7 +42,7 @@ class Models:
             return next(iter(self))
         if name not in self._by_name:
             loaded = ", ".join(self._by_name)
-            raise InvalidParameter(f"no such model is loaded; there is {loaded}", field="model")
+            raise InvalidParameter(f"no loaded model is named {name!r}; there is {loaded}", field="model")
         return self._by_name[name]
 
     def warm_up(self) -> None:

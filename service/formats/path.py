@@ -43,7 +43,7 @@ def dump_json(path: Path) -> bytes:
 def dump_glb(path: Path) -> bytes:
     """Write the path as one line for each pair of waypoints. Raises InvalidParameter if there is no path.
 
-    Not as one strip, which some programs do not read (trimesh 4).
+    A single line strip would be smaller, but some programs cannot read one (trimesh 4).
     """
     if path.waypoints is None:
         field = "start" if path.reason == "start inside" else "goal"

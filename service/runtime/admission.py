@@ -52,9 +52,14 @@ class Gate:
         if not others:
             return
         if others + amount > self._limit:
-            self._refuse(f"the service works on its limit of {self._limit} {self._unit}")
+            self._refuse(
+                f"the service works on its limit of {self._limit} {self._unit}: repeat the call after Retry-After"
+            )
         if client is not None and self._held_by[client] - own + amount > SHARE * (self._limit - self.held):
-            self._refuse(f"this address or its network has its share of the service's {self._limit} {self._unit}")
+            self._refuse(
+                f"this address or its network has its share of the service's {self._limit} {self._unit}: repeat the "
+                "call after Retry-After, or send fewer at once"
+            )
 
     @contextmanager
     def admit(self, amount: int = 1, client: str | None = None) -> Iterator["Admitted"]:
@@ -147,8 +152,8 @@ class Gates:
     def of(cls, settings: Settings) -> "Gates":
         """Return empty gates with the limits of the settings."""
         return cls(
-            Gate("images at a time", settings.max_queued_images),
-            Gate("points at a time", settings.max_points_in_flight),
-            Gate("bytes of request bodies at a time", settings.max_upload_bytes),
-            Gate("bytes of answers at a time", settings.max_answer_bytes),
+            Gate("images at a time (--max-queued-images)", settings.max_queued_images),
+            Gate("points at a time (--max-points-in-flight)", settings.max_points_in_flight),
+            Gate("bytes of request bodies at a time (--max-upload-bytes)", settings.max_upload_bytes),
+            Gate("bytes of answers at a time (--max-answer-bytes)", settings.max_answer_bytes),
         )

@@ -75,7 +75,7 @@ def check_members(members: Sequence[Member], mode: Mode) -> None:
     if mode == "compose" and count != k:
         raise InvalidParameter(f"a word needs k = {k} objects, not {count}", field="objects")
     if mode == "all" and count != 2:
-        raise InvalidParameter(f"all words are those of two objects, not {count}", field="objects")
+        raise InvalidParameter(f"all words (mode all) are made of two objects, not {count}", field="objects")
     if mode == "all" and 2**k > MAX_WORDS:
         raise InvalidParameter(f"all would make 2^{k} words, at most {MAX_WORDS} are allowed", field="mode")
 
@@ -89,7 +89,7 @@ def check_records(records: Sequence[Record], mode: Mode) -> None:
     check_members([Member(f"objects[{index}]", *kind) for index, kind in enumerate(kinds)], mode)
     if mode == "all" and records[0].id == records[1].id:
         raise InvalidParameter(
-            "objects[1] is objects[0]: all words are those of two different objects", field="objects[1]"
+            "objects[1] is objects[0]: all words (mode all) are made of two different objects", field="objects[1]"
         )
 
 

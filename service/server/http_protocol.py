@@ -25,7 +25,7 @@ logger: Final = logging.getLogger("hof.access")
 
 MAX_HEAD_BYTES: Final = 65_536  # of a request's target and header fields
 PUNCTUATION: Final = 4  # bytes of a field besides name and value: a colon, a space, CR and LF
-MIN_CHUNK_BYTES: Final = 256  # average of a chunked body: each chunk costs the event loop as much as many bytes
+MIN_CHUNK_BYTES: Final = 256  # average of a chunked body: the event loop spends as much on a chunk as on many bytes
 FREE_CHUNKS: Final = 256  # that may be smaller
 MAX_FRAMING_BYTES: Final = 16_384  # chunk sizes and extensions, besides an eighth of the body
 
@@ -33,7 +33,7 @@ MAX_FRAMING_BYTES: Final = 16_384  # chunk sizes and extensions, besides an eigh
 def http_protocol(client_timeout_s: float) -> type[asyncio.Protocol]:
     """Return the protocol factory for uvicorn's setting `http`.
 
-    A head must be complete after `client_timeout_s`, and an answer be taken on within it.
+    A client has `client_timeout_s` seconds to send a whole head, and as long to take the next bytes of an answer.
     """
     factory = partial(LimitedHttpProtocol, client_timeout_s=client_timeout_s)  # a partial can be pickled
     return cast(type[asyncio.Protocol], factory)

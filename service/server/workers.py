@@ -133,7 +133,7 @@ class Supervisor(Multiprocess):
         return float(self.config.timeout_worker_healthcheck)
 
     def terminate_all(self) -> None:
-        """End all workers, those that retire too. The last worker that closes the port serves who waits there."""
+        """End all workers, retiring ones too. The last one to close the port serves its waiting clients."""
         for listener in self.sockets:
             listener.close()
         self.processes += [*self._retired, *([self._successor] if self._successor else [])]

@@ -4,22 +4,14 @@ import asyncio
 import inspect
 from collections.abc import AsyncIterator, Callable, Iterator
 from pathlib import Path
-from typing import Protocol, cast
+from typing import cast
 
 import pytest
 
 from hof_client import AsyncClient, Client, Retry, StoredObject
 from service.settings import Settings
 from tests.support.photos import disc, image_file
-from tests.support.server import Server, running
-
-
-class Open(Protocol):
-    """Open a client of a service, which is closed after the test."""
-
-    def __call__(
-        self, url: str, *, api_key: str | None = None, retry: Retry | None = None, timeout_s: float = 60
-    ) -> Client: ...
+from tests.support.server import Open, Server, running
 
 
 class Blocking:

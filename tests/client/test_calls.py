@@ -24,9 +24,8 @@ from hof_client import (
 from service.api.keys import make_key
 from service.formats.weights import load
 from service.settings import Settings
-from tests.client.conftest import Open
 from tests.support.photos import disc, image_file
-from tests.support.server import Server, running
+from tests.support.server import Open, Server, running
 from tests.support.small.ball import ball_file
 from tests.support.small.model import COLOR_SPEC, SIZE, SPEC
 

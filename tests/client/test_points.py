@@ -15,9 +15,8 @@ from hypothesis import strategies as st
 from hof_client import AsyncClient, Client, InvalidParameter, StoredObject, Truncated, UnexpectedAnswer
 from hof_client.bodies import ColoredArrays, PointArray
 from service.formats.points import ply
-from tests.client.conftest import Open
 from tests.support.photos import disc, image_file
-from tests.support.server import Server
+from tests.support.server import Open, Server
 from tests.support.slow import runtime_of, until
 
 N = 20_000

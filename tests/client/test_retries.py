@@ -26,9 +26,8 @@ from hof_client import (
 from hof_client.problems import InvalidParameter
 from hof_client.retries import Attempts
 from service.settings import Settings
-from tests.client.conftest import Open
 from tests.client.scripted import answer, scripted
-from tests.support.server import Server, running
+from tests.support.server import Open, Server, running
 
 NEVER = Retry(times=0)
 SOON = Retry(first_s=0.01)

@@ -1,13 +1,15 @@
-"""The service in a thread of the tests, over a real socket."""
+"""The service in a thread of the tests, over a real socket, and the type of what opens clients of it."""
 
 import contextlib
 import threading
 import time
 from collections.abc import Iterator
+from typing import Protocol
 
 import httpx
 import uvicorn
 
+from hof_client import Client, Retry
 from service.api.app import create_app
 from service.server.http_protocol import http_protocol
 from service.settings import Settings
@@ -21,6 +23,14 @@ class Server(uvicorn.Server):
         """The port that the server listens on."""
         port: int = self.servers[0].sockets[0].getsockname()[1]
         return port
+
+
+class Open(Protocol):
+    """Open a client of a service, which is closed after the test."""
+
+    def __call__(
+        self, url: str, *, api_key: str | None = None, retry: Retry | None = None, timeout_s: float = 60
+    ) -> Client: ...
 
 
 @contextlib.contextmanager

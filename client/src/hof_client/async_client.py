@@ -23,7 +23,7 @@ T = TypeVar("T")
 class AsyncClient:
     """A client of one service for asyncio. Its parameters and calls are those of `Client`; calls are awaited.
 
-    Files that a call reads or writes block the event loop while they are.
+    Reading and writing local files blocks the event loop.
     """
 
     def __init__(

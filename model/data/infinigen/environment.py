@@ -41,16 +41,16 @@ def interpreter(environment: Path) -> Path:
     FileNotFoundError : there is no Python 3.11.
     ChildProcessError : a package cannot be installed.
     """
-    stamp, wanted = environment / STAMP, "\n".join((*ALONE, *PACKAGES, ""))
+    stamp, packages = environment / STAMP, "\n".join((*ALONE, *PACKAGES, ""))
     python = environment / "bin" / "python"
-    if stamp.is_file() and stamp.read_text() == wanted and python.exists():
+    if stamp.is_file() and stamp.read_text() == packages and python.exists():
         return python
     print(f"installing Infinigen and Blender into {environment}: 2.4 GB", file=sys.stderr)
     _run([_python(), "-m", "venv", "--clear", environment])
     install: list[str | Path] = [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
     _run([*install, "--no-deps", *ALONE])
     _run([*install, *PACKAGES])
-    stamp.write_text(wanted)
+    stamp.write_text(packages)
     return python
 
 

@@ -8,7 +8,7 @@ from model.data.sources.meshes import Axis
 
 @dataclass(frozen=True)
 class Kind:
-    """One kind.
+    """A kind of object that Infinigen makes.
 
     name : category of its objects, part of their files' names.
     factory : module below `infinigen.assets.objects`, and class.

@@ -37,8 +37,8 @@ SHARP: Final = math.radians(35)  # between faces: such edges are not shaded smoo
 BLACK: Final = 0.02  # least share of light that a real surface reflects
 LONGEST_M: Final = 20.0  # longer objects have vertices gone astray
 DARK: Final = 1e-3  # base colors all below it were not baked
-UNBAKED: Final = {"Metallic": 0.0, "Transmission Weight": 0.0}  # metal and glass have no diffuse color to bake,
-SHINING: Final = (  # nor have these nodes
+UNBAKED: Final = {"Metallic": 0.0, "Transmission Weight": 0.0}  # metal and glass have no diffuse color to bake
+SHINING: Final = (  # nodes without a diffuse color
     "BSDF_GLASS",
     "BSDF_GLOSSY",
     "BSDF_REFRACTION",

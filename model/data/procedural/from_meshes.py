@@ -41,10 +41,10 @@ def make_from_meshes(records: Iterable[MeshRecord], folder: Path, views: int, pr
     ------
     FileNotFoundError : `folder` holds no finished data set.
     """
-    seed, made = Manifest.read(folder).seed, folder / PIECES
-    made.mkdir(exist_ok=True)
-    earlier = Manifest.read(made) if (made / "manifest.json").is_file() else Manifest(seed, (), {}, {})
-    jobs = [MeshPieceJob(record, made / Path(object_file(record.id)).name, seed, views) for record in records]
+    seed, pieces = Manifest.read(folder).seed, folder / PIECES
+    pieces.mkdir(exist_ok=True)
+    earlier = Manifest.read(pieces) if (pieces / "manifest.json").is_file() else Manifest(seed, (), {}, {})
+    jobs = [MeshPieceJob(record, pieces / Path(object_file(record.id)).name, seed, views) for record in records]
     missing = [job for job in jobs if job.record.id not in earlier.duplicates and not job.target.exists()]
     report = run_with_report(render_mesh_piece, missing, lambda job: job.record.id, processes, "make", "piece")
     jobs = [job for job in jobs if job.target.exists()]
@@ -57,7 +57,7 @@ def make_from_meshes(records: Iterable[MeshRecord], folder: Path, views: int, pr
             file = job.target.relative_to(folder).as_posix()
             entries[job.record.id] = replace(entry_of(job.record, "train"), file=file)
     manifest = Manifest(seed, tuple(entries[id_] for id_ in sorted(entries)), repeats, report.failures)
-    manifest.write(made / "manifest.json")
+    manifest.write(pieces / "manifest.json")
     return manifest
 
 

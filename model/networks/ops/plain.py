@@ -1,6 +1,6 @@
 """Nearest points and the fused hidden layer in plain torch: on any device, without a compiler.
 
-What Triton and Numba are checked against, and what runs where neither is there.
+The reference for the Triton and Numba kernels, and the fallback if neither is installed.
 """
 
 from typing import Any, Final

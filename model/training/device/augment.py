@@ -41,7 +41,7 @@ def augment(crops: Tensor, size: int, grounds: Grounds, light: Light = ANY_LIGHT
 
 
 def _framed(crops: Tensor, size: int, plain: Tensor) -> Tensor:
-    """Premultiplied RGBA in [0, 1] at the encoder's size, the object zoomed and shifted."""
+    """Return premultiplied RGBA in [0, 1], (b, 4, size, size), with the object zoomed and shifted."""
     b, device = len(crops), crops.device
     pixels = crops.permute(0, 3, 1, 2).float() / 255
     pixels = torch.cat([pixels[:, :3] * pixels[:, 3:], pixels[:, 3:]], dim=1)
@@ -57,7 +57,7 @@ def _framed(crops: Tensor, size: int, plain: Tensor) -> Tensor:
 
 
 def _blurred(image: Tensor) -> Tensor:
-    """About half of the images blurred, by a kernel of 3 x 3 pixels (1 - 2w, w, w) of random w up to 1/4 each way."""
+    """Blur about half of the images: in rows and columns, each pixel gives random w, at most 1/4, to both neighbors."""
     b, device = len(image), image.device
     share = _uniform((0, 0.25), (b, 1, 1, 1), device) * _chance(0.5, b, device)
     for axis in (2, 3):
@@ -85,7 +85,7 @@ def _toned(image: Tensor, light: Light) -> Tensor:
 
 
 def _shadows(alpha: Tensor) -> Tensor:
-    """(b, 1, h, w) of the light that is left: a soft ellipse below the object darkens a share of the grounds."""
+    """Return the light that shadows leave, (b, 1, h, w): a soft ellipse below the object, for a share of the images."""
     b, _, height, width = alpha.shape
     device, shape = alpha.device, (len(alpha), 1, 1, 1)
     y = torch.linspace(-1, 1, height, device=device).view(1, 1, -1, 1)
@@ -103,7 +103,7 @@ def _shadows(alpha: Tensor) -> Tensor:
 
 
 def _backgrounds(count: int, side: int, grounds: Grounds) -> Tensor:
-    """(count, 3, side, side): flat colors, gradients, textures of colored noise, pieces of photographs."""
+    """Draw backgrounds, (count, 3, side, side): flat colors, gradients, colored noise, pieces of photographs."""
     device, shape = grounds.textures.pixels.device, (count, 1, 1, 1)
     drawn = torch.rand(shape, device=device)
     flat, gradient, texture, _ = (sum(cpu.GROUND_SHARES[: index + 1]) for index in range(4))
@@ -120,7 +120,7 @@ def _backgrounds(count: int, side: int, grounds: Grounds) -> Tensor:
 
 
 def _photographed(photographs: Pictures, count: int, side: int) -> Tensor:
-    """(count, 3, side, side): a piece of a photograph or two that meet at a line, in colors that may not be theirs."""
+    """Draw backgrounds, (count, 3, side, side), of one piece of a photograph, or of two that meet at a line."""
     device, shape = photographs.pixels.device, (count, 1, 1, 1)
     piece, other = (_recolored(photographs.pieces(count, side)) for _ in range(2))
     along = torch.arange(side, device=device)
@@ -131,7 +131,7 @@ def _photographed(photographs: Pictures, count: int, side: int) -> Tensor:
 
 
 def _recolored(pieces: Tensor) -> Tensor:
-    """Pieces as bytes -> about [0, 1], half with their channels in another order, each lit by a color of its own."""
+    """Scale bytes to about [0, 1]; swap the channels of half of the pieces, and light each by a random color."""
     count, device = len(pieces), pieces.device
     shuffled = torch.rand(count, 3, device=device).argsort(dim=1)
     order = torch.where(_chance(0.5, count, device).view(-1, 1), shuffled, torch.arange(3, device=device))
@@ -140,7 +140,7 @@ def _recolored(pieces: Tensor) -> Tensor:
 
 
 def _chance(share: float, count: int, device: torch.device) -> Tensor:
-    """(count, 1, 1, 1) bool, True for about `share` of them."""
+    """Return (count, 1, 1, 1) bool, each True with probability `share`."""
     return torch.rand(count, 1, 1, 1, device=device) < share
 
 

@@ -64,14 +64,14 @@ def _read(options: DeviceOptions, config: TrainConfig, split: str, variants: boo
 def tensors_of(examples: Examples) -> Tensors:
     """Arrange a split that was loaded from a data set's folder."""
     named = [(entry.id, entry.source, shapes) for entry, shapes in zip(examples.entries, examples.shapes, strict=True)]
-    made = [(f"{MADE_SOURCE}/{number}", MADE_SOURCE, shapes) for number, shapes in enumerate(examples.pieces)]
-    shapes = [shape for _, _, of_unit in named + made for shape in of_unit]
+    pieces = [(f"{MADE_SOURCE}/{number}", MADE_SOURCE, shapes) for number, shapes in enumerate(examples.pieces)]
+    shapes = [shape for _, _, of_unit in named + pieces for shape in of_unit]
     is_colored = all(shape.colors is not None for shape in shapes)
     rng = np.random.default_rng(0)
     orders = [rng.permutation(len(shape.points)) for shape in shapes]  # draws take points that follow each other
     colors = [shape.colors[order] for shape, order in zip(shapes, orders, strict=True) if shape.colors is not None]
     return arrange(
-        list(_rows(named + made)),
+        list(_rows(named + pieces)),
         np.concatenate([shape.crops for shape in shapes]),
         np.concatenate([quantize(shape.points[order]) for shape, order in zip(shapes, orders, strict=True)]),
         np.concatenate(colors) if is_colored else None,

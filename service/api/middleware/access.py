@@ -125,7 +125,7 @@ def keys_of(settings: Settings) -> Keys | None:
     if settings.api_keys_file is not None:
         return Keys.read(settings.api_keys_file)
     if settings.metrics == "key":
-        raise InvalidKeys("/metrics is to need a key, but there is no keys file: name one by --api-keys-file")
+        raise InvalidKeys("--metrics is key, but there is no keys file: name one by --api-keys-file")
     return None
 
 

@@ -95,7 +95,7 @@ async def _members(runtime: Runtime, composition: Composition) -> list[Record]:
     records = await runtime.store.records([object_id for object_id in ids if is_id(object_id)])
     for index, object_id in enumerate(ids):
         if object_id not in records:
-            raise NotFound(f"objects[{index}]: there is no object of this id", field=f"objects[{index}]")
+            raise NotFound(f"objects[{index}]: no object has the id {object_id!r}", field=f"objects[{index}]")
     members = [records[object_id] for object_id in ids]
     check_records(members, composition.mode)
     return members

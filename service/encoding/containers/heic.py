@@ -29,8 +29,8 @@ def opener() -> Callable[[io.BytesIO], ImageFile.ImageFile]:
         plugin = importlib.import_module("pillow_heif.as_plugin")
     except ImportError as error:
         raise UnsupportedMedia(
-            "HEIC images need the extra `heic` (pillow-heif), which is not installed here: send a JPEG, or install "
-            "hof-service[heic]",
+            "HEIC images need the extra `heic` (pillow-heif), which is not installed here: send a JPEG, or "
+            "run `pip install '.[heic]'` in the source folder of the service",
             field="image",
         ) from error
     opener: Callable[[io.BytesIO], ImageFile.ImageFile] = plugin.HeifImageFile

@@ -146,7 +146,7 @@ def test_openapi_prints_the_committed_schema(capsys: pytest.CaptureFixture[str])
         ("sample photo.png -o out.ply", "hof: photo.png: "),
         ("compose photo.png photo.png -o out.ply", "hof: photo.png: "),
         ("compose photo.png -o out.stl", "no format has the suffix"),
-        ("compose a.safetensors -o out.png", "all words are those of two objects, not 1"),
+        ("compose a.safetensors -o out.png", "all words (mode all) are made of two objects, not 1"),
         (
             "compose a.safetensors a.safetensors -o out.png --n 100001",
             "n is 100001; a picture shows at most 100000 points per word",
@@ -167,7 +167,7 @@ def test_openapi_prints_the_committed_schema(capsys: pytest.CaptureFixture[str])
         ("encode photo.png -o out.ply --matting-model photo.png", "the matting model photo.png is unusable"),
         ("serve --api-keys-file nothere", "cannot read the keys file nothere: No such file"),
         ("serve --api-keys-file text.png", "line 1 of the keys file text.png is malformed"),
-        ("serve --metrics key", "/metrics is to need a key, but there is no keys file"),
+        ("serve --metrics key", "--metrics is key, but there is no keys file"),
         ("serve --rate-limit often", "rate_limit: "),
         ("serve --cors-origins shop.example", "cors_origins: "),
         ("serve --workers 0", "workers: "),

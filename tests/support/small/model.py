@@ -74,8 +74,7 @@ def build(
 ) -> Path:
     """Write the model.
 
-    `color_spec` adds colors, `estimates` its estimates, `trips` the nodes of `_trouble`; the others make it wrong in a
-    way.
+    `color_spec` adds colors, `estimates` the estimates, `trips` the nodes of `_trouble`; the others spoil the file.
     """
     heads = {output: parameters(spec)} | ({"color": color_parameters(color_spec)} if color_spec else {})
     heads |= estimate_parameters() if estimates else {}
@@ -88,9 +87,7 @@ def build(
     ]
     tensors: dict[str, Any] = {f"{name}.W": matrix for name, (matrix, _) in heads.items()}
     tensors |= {f"{name}.b": b + np.float32(bias) for name, (_, b) in heads.items()}
-    if trips:
-        tensors |= {"trips": np.float32(trips), "zero": np.float32(0), "on": np.bool_(True)}
-        tensors |= {"blue": np.int64(2), "tenth": np.float32(0.1), "last": np.array([1], np.int64)}
+    tensors |= _trouble_tensors(trips) if trips else {}
     graph = helper.make_graph(
         nodes,
         "tiny",
@@ -140,6 +137,12 @@ def _trouble(plain: str, output: str) -> list[Any]:
         helper.make_node("Unsqueeze", ["nothing_or_nan", "last"], ["column"]),  # (b, 1)
         helper.make_node("Add", [plain, "column"], [output]),
     ]
+
+
+def _trouble_tensors(trips: int) -> dict[str, Any]:
+    """Return the constants of `_trouble`, by name."""
+    loop = {"trips": np.float32(trips), "zero": np.float32(0), "on": np.bool_(True)}
+    return loop | {"blue": np.int64(2), "tenth": np.float32(0.1), "last": np.array([1], np.int64)}
 
 
 def theta_of(tensor: Array, spec: MappingSpec = SPEC) -> Array:

@@ -99,7 +99,9 @@ def test_draw_batch_with_pieces_includes_them(data: Path) -> None:
     assert all((arrays["views"][..., 3] > 0).any(axis=(1, 2)).all() for arrays in written)
     assert all(np.abs(arrays["points"]).max() == pytest.approx(0.5, abs=0.05) for arrays in written)
 
-    plain, examples = (load_examples(data, "train", config.framing, pieces=made_too) for made_too in (False, True))
+    plain, examples = (
+        load_examples(data, "train", config.framing, pieces=with_pieces) for with_pieces in (False, True)
+    )
     assert plain.pieces == []
     assert [len(pieces) for pieces in examples.pieces] == [PIECES_PER_DRAW, 1]
     of_pieces = {tuple(np.abs(point)) for arrays in written for point in arrays["points"]}

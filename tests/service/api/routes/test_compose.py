@@ -160,7 +160,7 @@ def _refused(answer: httpx.Response, status: int, field: str | None) -> str:
 def test_compose_with_an_unknown_id_answers_404_and_names_it(client: httpx.Client, mode: str, unknown: str) -> None:
     (a,) = encode_discs(client, "red")
     detail = _refused(_compose(client, a, unknown, mode=mode), 404, "objects[1]")
-    assert detail == "objects[1]: there is no object of this id"
+    assert detail == f"objects[1]: no object has the id {unknown!r}"
     assert _count(client) == 1
 
 

@@ -53,7 +53,7 @@ def _infer(triton: InferenceServerClient, images: Array, *, binary: bool = True,
     return triton.infer("tiny-k2", [tensor], **options)
 
 
-def _asked(**changes: object) -> dict[str, Any]:
+def _request(**changes: object) -> dict[str, Any]:
     """Return a request of one white image, with changes to its input."""
     return {"inputs": [{"name": "image", "shape": ONE, "datatype": "FP32", "data": [1] * math.prod(ONE)} | changes]}
 
@@ -129,7 +129,7 @@ def test_infer_with_a_colored_model_returns_the_requested_outputs(
 
 
 def test_infer_with_nested_numbers_answers_json(client: httpx.Client, images: Array) -> None:
-    answer = client.post(f"{MODEL}/infer", json=_asked(data=images[:1].tolist()))
+    answer = client.post(f"{MODEL}/infer", json=_request(data=images[:1].tolist()))
     assert (answer.status_code, answer.headers["content-type"]) == (200, "application/json")
     (theta,) = answer.json()["outputs"]
     assert theta["shape"] == [1, tiny_model.SPEC.size]
@@ -148,7 +148,7 @@ def test_infer_errors_are_readable_by_triton(triton: InferenceServerClient) -> N
 def test_infer_with_a_full_batch_of_long_numbers_fits(client: httpx.Client) -> None:
     shape = [MAX_BATCH, *ONE[1:]]
     numbers = np.random.default_rng(0).uniform(1e-5, 1e-4, math.prod(shape)).tolist()
-    assert client.post(f"{MODEL}/infer", json=_asked(shape=shape, data=numbers)).status_code == 200
+    assert client.post(f"{MODEL}/infer", json=_request(shape=shape, data=numbers)).status_code == 200
 
 
 @pytest.mark.parametrize(
@@ -173,7 +173,7 @@ def test_infer_with_a_full_batch_of_long_numbers_fits(client: httpx.Client) -> N
     ],
 )
 def test_infer_with_a_faulty_input_names_it(client: httpx.Client, changes: dict[str, Any], field: str) -> None:
-    answer = client.post(f"{MODEL}/infer", json=_asked(**changes))
+    answer = client.post(f"{MODEL}/infer", json=_request(**changes))
     assert (answer.status_code, answer.headers["content-type"]) == (422, "application/problem+json")
     assert answer.json()["errors"][0]["field"] == field
     assert answer.json()["error"] == answer.json()["detail"]
@@ -183,7 +183,7 @@ def test_infer_with_a_faulty_input_names_it(client: httpx.Client, changes: dict[
     ("changes", "field"),
     [
         ({"inputs": []}, "inputs"),
-        ({"inputs": _asked()["inputs"] * 2}, "inputs"),
+        ({"inputs": _request()["inputs"] * 2}, "inputs"),
         ({"outputs": [{"name": "color"}]}, "outputs[0].name"),
         ({"outputs": [{"name": "theta"}] * 5}, "outputs"),
         ({"output": []}, "output"),
@@ -192,7 +192,7 @@ def test_infer_with_a_faulty_input_names_it(client: httpx.Client, changes: dict[
 def test_infer_with_a_faulty_request_names_the_member(
     client: httpx.Client, changes: dict[str, Any], field: str
 ) -> None:
-    answer = client.post(f"{MODEL}/infer", json=_asked() | changes)
+    answer = client.post(f"{MODEL}/infer", json=_request() | changes)
     assert (answer.status_code, answer.json()["errors"][0]["field"]) == (422, field)
 
 
@@ -242,14 +242,14 @@ def test_infer_with_a_body_that_is_no_request_is_refused(
 
 @pytest.mark.parametrize("call", ["GET /v2/models/other", "GET /v2/models/other/ready", "POST /v2/models/other/infer"])
 def test_infer_with_an_unknown_model_answers_404(client: httpx.Client, call: str) -> None:
-    answer = client.request(*call.split(), json=_asked() if call.startswith("POST") else None)
-    assert (answer.status_code, answer.json()["error"]) == (404, "no such model is loaded; there is tiny-k2")
+    answer = client.request(*call.split(), json=_request() if call.startswith("POST") else None)
+    assert (answer.status_code, answer.json()["error"]) == (404, "no loaded model is named 'other'; there is tiny-k2")
 
 
 def test_infer_with_a_batch_counts_each_image_in_the_gate(settings: Settings, slow_model: Path) -> None:
     blue = np.zeros((2, *ONE[1:]))  # the darkest channel is black: half a second
     blue[:, 2] = 1
-    two = _asked(shape=[2, *ONE[1:]], data=blue.ravel().tolist())
+    two = _request(shape=[2, *ONE[1:]], data=blue.ravel().tolist())
     with (
         running(settings.model_copy(update={"model": (slow_model,), "max_queued_images": 2})) as server,
         httpx.Client(base_url=f"http://127.0.0.1:{server.port}", timeout=DEADLINE_S) as client,
@@ -258,7 +258,7 @@ def test_infer_with_a_batch_counts_each_image_in_the_gate(settings: Settings, sl
         gate = runtime_of(server).gates.images
         taken = pool.submit(client.post, f"{MODEL}/infer", json=two)
         until(lambda: gate.held == 2)
-        refused = client.post(f"{MODEL}/infer", json=_asked())
+        refused = client.post(f"{MODEL}/infer", json=_request())
         assert (refused.status_code, refused.json()["type"]) == (429, "urn:hof:problem:overloaded")
         assert int(refused.headers["retry-after"]) >= 1
         assert taken.result().status_code == 200
