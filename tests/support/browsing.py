@@ -1,6 +1,7 @@
 """The page in Chromium, for tests: a service, a browser, and what one sees and saves. A plugin of conftest.py."""
 
 import io
+import re
 import shutil
 import subprocess
 from collections.abc import Iterator
@@ -17,8 +18,9 @@ from tests.support import ROOT
 from tests.support.server import running
 
 PICTURES = ROOT / "out" / "viewer"
-WEBGL = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+WEBGL = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--force-prefers-reduced-motion"]
 TIMEOUT_MS = 60_000
+TRIANGLES = re.compile(r"^[\d,]{5,} triangles$")
 INK = 40  # of 255: by how much a pixel differs from the panel's white to be a point's
 
 
@@ -63,10 +65,13 @@ def page(browser: Browser, address: str) -> Iterator[Page]:
 
 
 def opened(page: Page, address: str) -> Page:
-    """Open the page and wait until it shows its first object."""
+    """Open the page, wait until it shows its first object, and switch to 10,000 points of it."""
     page.set_default_timeout(TIMEOUT_MS)
     expect.set_options(timeout=TIMEOUT_MS)
     page.goto(f"{address}/")
+    expect(page.locator("#count")).to_have_text(TRIANGLES)
+    page.locator("#n").evaluate("(slider) => { slider.value = 4 }")
+    page.get_by_role("switch", name="Surface").uncheck()
     expect(page.locator("#count")).to_have_text("10,000 points")
     return page
 

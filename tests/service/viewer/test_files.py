@@ -16,7 +16,7 @@ OWN_FILES = [
     *viewer.STATIC.glob("*.html"),
     *viewer.STATIC.glob("*.svg"),
     *viewer.STATIC.glob("css/*"),
-    *viewer.STATIC.glob("js/*"),
+    *viewer.STATIC.glob("js/**/*.js"),
 ]
 INDEX = (viewer.STATIC / "index.html").read_text("utf-8")
 
@@ -86,7 +86,7 @@ def test_static_files_refer_only_to_existing_files_by_relative_addresses(client:
         folder = "" if path.suffix == ".html" else f"/viewer/{path.parent.relative_to(viewer.STATIC).as_posix()}"
         names = [
             "".join(groups)
-            for groups in re.findall(r'(?:src|href|data-schema)="([^"#]+)"|"\./(viewer/[^"]+)"|from "\./([^"]+)"', text)
+            for groups in re.findall(r'(?:src|href|data-schema)="([^"#]+)"|"\./(viewer/[^"]+)"|from "(\.\.?/[^"]+)"', text)
         ]
         assert names or path.suffix != ".html", path.name
         for name in names:

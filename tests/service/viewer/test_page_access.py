@@ -6,7 +6,7 @@ from playwright.sync_api import Browser, Page, expect
 
 from service.api.keys import make_key
 from service.settings import Settings
-from tests.support.browsing import PICTURES, TIMEOUT_MS, curl_line, opened, photo, pixels
+from tests.support.browsing import PICTURES, TIMEOUT_MS, TRIANGLES, curl_line, opened, photo, pixels
 from tests.support.server import running
 
 
@@ -43,7 +43,7 @@ def test_key_dialog_opens_once_and_the_key_is_used(browser: Browser, model_path:
             dialog.get_by_role("button", name="Continue").click()
         expect(dialog).to_be_hidden(timeout=TIMEOUT_MS)
         page.set_input_files("#file", photo("chair"))
-        expect(page.locator("#count")).to_have_text("10,000 points", timeout=TIMEOUT_MS)
+        expect(page.locator("#count")).to_have_text(TRIANGLES, timeout=TIMEOUT_MS)
         expect(dialog).to_be_hidden()
         assert "$HOF_KEY" in curl_line(page, "download")
         assert token not in page.content()

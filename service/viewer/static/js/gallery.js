@@ -1,6 +1,6 @@
 // The stored objects as cards. A click opens an object; dragging one onto another composes the two.
 import { fetchPoints, listObjects } from "./api.js";
-import { onColorsChange } from "./colors.js";
+import { onColorsChange } from "./stage/colors.js";
 import { attempt } from "./problem.js";
 import { drawThumbnail } from "./thumbnail.js";
 

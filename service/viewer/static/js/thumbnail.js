@@ -1,6 +1,6 @@
 // A small picture of a cloud on a 2D canvas: orthographic, far points first, in color or shaded by depth.
 import { bytesPerPoint } from "./api.js";
-import { colors } from "./colors.js";
+import { colors } from "./stage/colors.js";
 
 const AZIMUTH = (30 * Math.PI) / 180;
 const ELEVATION = (20 * Math.PI) / 180;

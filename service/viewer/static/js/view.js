@@ -1,14 +1,14 @@
 // The shown objects: number and seed of points, or the surface; progress; downloads.
 import { fetchFile, filePath, streamPoints } from "./api.js";
-import { Cloud } from "./cloud.js";
+import { Cloud } from "./stage/cloud.js";
 import { showCurl } from "./curl.js";
 import { attempt } from "./problem.js";
-import { Stage } from "./stage.js";
-import { fetchSurface } from "./surface.js";
+import { Stage } from "./stage/stage.js";
+import { fetchSurface } from "./stage/surface.js";
 
 const element = (id) => document.getElementById(id);
-const ids = ["n", "seed", "color", "surface", "download", "format", "words"];
-const [slider, seed, color, surface, form, format, words] = ids.map(element);
+const ids = ["n", "dots", "seed", "color", "surface", "download", "format", "words"];
+const [slider, dots, seed, color, surface, form, format, words] = ids.map(element);
 const progress = document.querySelector("#view progress");
 const line = document.querySelector("#view .curl");
 
@@ -152,7 +152,7 @@ function showDownload() {
 
 /** Switch between surface and points, on the stage and in the list of formats. */
 function switchSurface() {
-  slider.disabled = seed.disabled = surface.checked;
+  slider.disabled = dots.disabled = seed.disabled = surface.checked;
   const group = format.querySelector(`[data-of="${surface.checked ? "mesh" : "points"}"]`);
   group.firstElementChild.selected = true;
   fill();
@@ -167,12 +167,21 @@ async function save() {
   setTimeout(() => URL.revokeObjectURL(link.href), 60_000);
 }
 
+function toggleFullscreen() {
+  if (document.fullscreenElement) document.exitFullscreen();
+  else element("stage").requestFullscreen();
+}
+
 function start() {
   try {
     stage = new Stage(document.querySelector("#stage canvas"));
   } catch {
     element("empty").textContent = "This browser has no WebGL and cannot draw points. Downloads still work.";
   }
+  dots.addEventListener("input", () => stage?.resizeDots(2 ** dots.valueAsNumber));
+  element("reset").addEventListener("click", () => stage?.reset());
+  element("fullscreen").hidden = !document.fullscreenEnabled;
+  element("fullscreen").addEventListener("click", toggleFullscreen);
   slider.addEventListener("input", showNumbers);
   slider.addEventListener("change", fill);
   seed.addEventListener("change", () => {
@@ -190,6 +199,7 @@ function start() {
     event.preventDefault();
     attempt(save);
   });
+  slider.disabled = dots.disabled = seed.disabled = surface.checked;
   showNumbers();
 }
 

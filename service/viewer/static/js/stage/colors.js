@@ -9,6 +9,11 @@ export function colors() {
   return { near: channels("--near"), far: channels("--far") };
 }
 
+/** Whether the page is dark. */
+export function isDark() {
+  return DARK.matches;
+}
+
 /** Call `listener` when the page turns light or dark. */
 export function onColorsChange(listener) {
   DARK.addEventListener("change", listener);

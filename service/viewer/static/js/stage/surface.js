@@ -1,7 +1,9 @@
 // The surface of an object on the graphics card.
 import { BufferAttribute, BufferGeometry, DoubleSide, Mesh, ShaderMaterial } from "three";
 
-import { fetchBytes, filePath } from "./api.js";
+import { fetchBytes, filePath } from "../api.js";
+
+const LONGEST_EDGE = 4; // in medians; longer triangles span gaps, such as those between the legs of a chair
 
 const VERTEX = `
   uniform float distance;
@@ -28,12 +30,18 @@ const FRAGMENT = `
   #ifdef PAINTED
     varying vec3 painted;
   #endif
+  vec3 encode(vec3 linear) { // sRGB
+    return mix(12.92 * linear, 1.055 * pow(linear, vec3(1.0 / 2.4)) - 0.055, step(0.0031308, linear));
+  }
   void main() {
-    float light = 0.25 + 0.75 * abs(normalize(towards).z); // lamp at the camera; both sides are lit
+    vec3 normal = normalize(towards);
+    normal *= normal.z < 0.0 ? -1.0 : 1.0; // both sides are lit
+    float light = 0.5 + 0.18 * normal.y + 0.42 * max(0.0, dot(normal, normalize(vec3(-0.4, 0.6, 0.8))));
+    float shine = 0.07 * pow(max(0.0, dot(normal, normalize(vec3(-0.3, 0.5, 1.3)))), 12.0); // shows what is black, too
     #ifdef PAINTED
-      gl_FragColor = linearToOutputTexel(vec4(light * painted, 1.0));
+      gl_FragColor = vec4(encode(1.15 * light * painted) + shine, 1.0);
     #else
-      gl_FragColor = vec4(mix(far, mix(near, far, depth), light), 1.0);
+      gl_FragColor = vec4(light * mix(near, far, 0.6 * depth), 1.0);
     #endif
   }`;
 
@@ -52,10 +60,25 @@ export async function fetchSurface(object, signal) {
   geometry.setAttribute("position", new BufferAttribute(positions, 3));
   geometry.setAttribute("normal", new BufferAttribute(normals, 3));
   if (colors) geometry.setAttribute("paint", new BufferAttribute(colors, 3));
-  geometry.setIndex(new BufferAttribute(indices, 1));
+  geometry.setIndex(new BufferAttribute(withoutLong(positions, indices), 1));
   const mesh = new Mesh(geometry);
   mesh.frustumCulled = false; // always in view: an object fills the object frame
   return mesh;
+}
+
+/** Leave out triangles that f stretched across a gap. */
+function withoutLong(positions, indices) {
+  const edges = new Float32Array(indices.length / 3);
+  for (let at = 0; at < edges.length; at++) {
+    const corners = [0, 1, 2].map((corner) => 3 * indices[3 * at + corner]);
+    edges[at] = Math.max(...corners.map((start, corner) => squaredDistance(positions, start, corners[(corner + 1) % 3])));
+  }
+  const longest = LONGEST_EDGE ** 2 * edges.slice().sort()[Math.floor(edges.length / 2)];
+  return indices.filter((_, index) => edges[Math.floor(index / 3)] <= longest);
+}
+
+function squaredDistance(positions, a, b) {
+  return [0, 1, 2].reduce((sum, axis) => sum + (positions[a + axis] - positions[b + axis]) ** 2, 0);
 }
 
 /** Read the arrays of a GLB of the service: one primitive, one buffer, nothing interleaved. */

@@ -8,7 +8,8 @@ import {
   Scene,
 } from "three";
 
-import { bytesPerPoint } from "./api.js";
+import { bytesPerPoint } from "../api.js";
+import { shadowOf } from "./ground.js";
 
 /** A growing cloud. The first m of n points are the points of m, so a larger cloud only appends. */
 export class Cloud {
@@ -21,6 +22,7 @@ export class Cloud {
     this.points = new Points(new BufferGeometry(), materials?.points.shaded);
     this.points.frustumCulled = false; // always in view: an object fills the object frame
     this.scene.add(this.points);
+    if (object.dimensions) this.scene.add(shadowOf(object.dimensions)); // lists lack those of older objects
     this.clear();
   }
 
@@ -59,6 +61,15 @@ export class Cloud {
     }
   }
 
+  /** Mean lightness of the colors, from 0 to 1; undefined without colors, and before any has arrived. */
+  get lightness() {
+    const paint = this.surface?.geometry.getAttribute("paint");
+    if (paint) return mean(paint.array, 1) ** (1 / 2.2);
+    if (!this.object.color || !this.count) return undefined;
+    const channels = [12, 13, 14].map((first) => mean(this.bytes.subarray(first, this.count * this.size), this.size));
+    return channels.reduce((sum, channel) => sum + channel) / (3 * 255);
+  }
+
   /** Choose the material: painted if `inColor` and the object has color, else shaded. */
   paint(inColor) {
     const kind = inColor && this.object.color ? "painted" : "shaded";
@@ -95,4 +106,12 @@ export class Cloud {
     this.setSurface();
     this.points.geometry.dispose();
   }
+}
+
+/** Mean of every `step`-th number, of up to a thousand of them. */
+function mean(numbers, step) {
+  const stride = step * Math.max(1, Math.floor(numbers.length / step / 1000));
+  let [sum, count] = [0, 0];
+  for (let at = 0; at < numbers.length; at += stride, count++) sum += numbers[at];
+  return sum / count;
 }
