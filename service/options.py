@@ -1,4 +1,4 @@
-"""Options of encoding, sampling and meshing: the limits and defaults that the API and the offline commands share."""
+"""Options of encoding, sampling, meshing and drawing: the limits and defaults that the API and the offline commands share."""
 
 from typing import Annotated, Final, Literal
 
@@ -13,6 +13,7 @@ from service.settings import POINTS_CEILING
 
 ColorChoice = Literal["auto", "none"]
 FrameChoice = Literal["object", "raw"]
+PictureView = Literal["three-quarter", "front", "side", "back", "top"]
 
 MAX_SEED: Final = 2**63 - 1
 
@@ -94,6 +95,19 @@ class MeshOptions(BaseModel):
         default="auto",
         description="`auto` writes the vertices' colors if the object has them and the format holds them: `glb`, "
         "`gltf`, `obj`, `ply`; `none` leaves them out",
+    )
+
+
+class PictureOptions(BaseModel):
+    """Size, view and colors of a picture."""
+
+    size: int = Field(default=320, ge=32, le=512, description="side of the picture, pixels")
+    view: PictureView = Field(
+        default="three-quarter",
+        description="direction of the camera: `three-quarter` is from the front, 30 degrees to the right and 22 above",
+    )
+    color: ColorChoice = Field(
+        default="auto", description="`auto` draws colors if the object has them; `none` draws shades of blue"
     )
 
 

@@ -7,7 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 from service.formats.precision import Dtype
 from service.formats.weights import WeightFormatName
 from service.mapping.spec import MAX_K
-from service.options import EncodeOptions, MeshOptions, PathOptions, PointOptions
+from service.options import EncodeOptions, MeshOptions, PathOptions, PictureOptions, PointOptions
 from service.runtime.composition import Mode
 
 PointFormatName = Literal["ply", "npy", "xyz", "json", "glb", "gltf", "pcd", "f32", "f16"]
@@ -58,6 +58,14 @@ class MeshQuery(MeshOptions, NoQuery):
 
     format: MeshFormatName | None = Field(
         default=None, description="file format; wins over `Accept`; GLB if neither names one"
+    )
+
+
+class PictureQuery(PictureOptions, NoQuery):
+    """Parameters of `GET /objects/{id}/picture`."""
+
+    format: Literal["png", "webp"] | None = Field(
+        default=None, description="file format; wins over `Accept`; PNG if neither names one"
     )
 
 

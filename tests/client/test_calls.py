@@ -134,6 +134,11 @@ def test_mesh_returns_the_file_of_the_format(hof: Client, disc_object: StoredObj
     assert hof.mesh(disc_object.id, format="ply", resolution=8, scale=2, color="none").startswith(b"ply\n")
 
 
+def test_picture_returns_the_file_of_the_format(hof: Client, disc_object: StoredObject) -> None:
+    assert hof.picture(disc_object.id, size=32).startswith(b"\x89PNG")
+    assert hof.picture(disc_object.id, format="webp", size=32, view="front", color="none")[8:12] == b"WEBP"
+
+
 def test_path_is_planned_as_waypoints_and_as_a_file(hof: Client) -> None:
     ball = hof.import_object(ball_file())
     around = hof.path(ball.id, (-1.8, 0.1, 0.1), np.array([1.8, 0.1, 0.1]), scale=2, clearance=0.1, cells=24)

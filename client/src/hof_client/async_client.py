@@ -55,6 +55,7 @@ class AsyncClient:
     colored_points = awaiting(calls.colored_points)
     save_points = awaiting(calls.save_points)
     mesh = awaiting(calls.mesh)
+    picture = awaiting(calls.picture)
     weights = awaiting(calls.weights)
     path = awaiting(calls.path)
     path_file = awaiting(calls.path_file)

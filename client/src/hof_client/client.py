@@ -66,6 +66,7 @@ class Client:
     colored_points = sending(calls.colored_points)
     save_points = sending(calls.save_points)
     mesh = sending(calls.mesh)
+    picture = sending(calls.picture)
     weights = sending(calls.weights)
     path = sending(calls.path)
     path_file = sending(calls.path_file)

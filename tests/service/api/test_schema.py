@@ -44,6 +44,7 @@ def test_service_under_schemathesis_conforms_to_its_schema(model_path: Path, tmp
         "/objects",
         "/objects/{id}/points",
         "/objects/{id}/mesh",
+        "/objects/{id}/picture",
         "/objects/{id}/path",
     ):
         assert any(f'route="{route}"' in line and 'status="20' in line for line in figures.splitlines()), (

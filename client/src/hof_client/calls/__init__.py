@@ -23,7 +23,7 @@ from hof_client.calls.objects import (
 from hof_client.calls.objects import object_ as object  # noqa: A004 - the name of the method
 from hof_client.calls.paths import path, path_file
 from hof_client.calls.service import live, metrics, model, models, ready
-from hof_client.calls.shapes import colored_points, iter_points, mesh, points, save_points, theta, weights
+from hof_client.calls.shapes import colored_points, iter_points, mesh, picture, points, save_points, theta, weights
 
 __all__ = [
     "MAX_LIMIT",
@@ -52,6 +52,7 @@ __all__ = [
     "objects",
     "path",
     "path_file",
+    "picture",
     "points",
     "ready",
     "save_points",

@@ -1,4 +1,4 @@
-"""Calls for an object's shape: points as arrays or files, surfaces, weights."""
+"""Calls for an object's shape: points as arrays or files, surfaces, pictures, weights."""
 
 import io
 from os import PathLike
@@ -14,6 +14,8 @@ from hof_client.request import Call, Request, Stream, Value
 
 PointFormat = Literal["ply", "npy", "xyz", "json", "glb", "gltf", "pcd", "f32", "f16"]
 MeshFormat = Literal["glb", "gltf", "obj", "stl", "ply"]
+PictureFormat = Literal["png", "webp"]
+PictureView = Literal["three-quarter", "front", "side", "back", "top"]
 WeightFormat = Literal["safetensors", "npy", "json", "onnx"]
 WeightType = Literal["float32", "float16", "int8"]
 Frame = Literal["object", "raw"]
@@ -131,6 +133,20 @@ def mesh(
     """Return the file of an object's surface, of at most 20 resolution^2 triangles. Raises NotFound."""
     query = {"format": format, "resolution": resolution, "scale": scale, "frame": frame, "color": color}
     request = Request("GET", "/objects/{id}/mesh", {"id": object_id}, query, media_type="")
+    return Call(request, lambda _: Whole(bytes))
+
+
+def picture(
+    object_id: str,
+    *,
+    format: PictureFormat = "png",  # noqa: A002 - the name in the API
+    size: int = 320,
+    view: PictureView = "three-quarter",
+    color: Color = "auto",
+) -> Call[bytes]:
+    """Return the file of a picture of an object, of size x size pixels. Raises NotFound."""
+    query = {"format": format, "size": size, "view": view, "color": color}
+    request = Request("GET", "/objects/{id}/picture", {"id": object_id}, query, media_type="")
     return Call(request, lambda _: Whole(bytes))
 
 
