@@ -1,7 +1,7 @@
 """Build the page's bundle, service/viewer/static/bundle: the one step that pyproject.toml cannot state.
 
-three.js and Swagger UI come from npm, at the versions of service/viewer/package-lock.json; the example photos are the
-demo's. Beside each large text there is the same compressed, which the service sends to browsers that accept gzip.
+three.js and Swagger UI come from npm, at the versions of service/viewer/package-lock.json.
+Beside each large text there is the same compressed, which the service sends to browsers that accept gzip.
 Without npm the package is built without the bundle, and the service says so at `/`.
 """
 
@@ -31,7 +31,6 @@ FILES: Final = {
         "examples/jsm/controls/OrbitControls.js",
     ),
     "swagger-ui": (MODULES / "swagger-ui-dist", "LICENSE", "NOTICE", "swagger-ui-bundle.js", "swagger-ui.css"),
-    "photos": (ROOT / "demo", "armchair.png", "chair.png", "coffee.jpg"),
 }
 
 

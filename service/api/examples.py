@@ -23,8 +23,10 @@ PARAMETERS: Final[dict[str, Any]] = {
     "sampling": "sobol",
     "scale": 0.8,
     "seed": 7,
+    "size": 320,
     "store": True,
     "version": "1",
+    "view": "three-quarter",
 }
 ERRORS: Final[dict[str, tuple[str, str]]] = {  # status: title, detail
     "400": ("Corrupt image", "the image is truncated or corrupt"),

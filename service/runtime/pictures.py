@@ -29,9 +29,7 @@ def picture_cost(record: Record, options: PictureOptions) -> int:
     return POINTS * cost_of_object(record, in_color=options.color == "auto") + DISC_PIXELS * options.size**2
 
 
-def picture_of(
-    spec: MappingSpec, functions: Functions, frame: Frame, options: PictureOptions
-) -> npt.NDArray[np.uint8]:
+def picture_of(spec: MappingSpec, functions: Functions, frame: Frame, options: PictureOptions) -> npt.NDArray[np.uint8]:
     """Draw an object over white, (size, size, 3) uint8, RGB. Raises CorruptWeights."""
     cloud = cloud_of(spec, functions, frame, PointOptions(n=POINTS, color=options.color))
     whole = 0, POINTS

@@ -18,7 +18,7 @@ from tests.support import ROOT
 from tests.support.server import running
 
 PICTURES = ROOT / "out" / "viewer"
-WEBGL = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--force-prefers-reduced-motion"]
+WEBGL = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 TIMEOUT_MS = 60_000
 TRIANGLES = re.compile(r"^[\d,]{5,} triangles$")
 INK = 40  # of 255: by how much a pixel differs from the panel's white to be a point's
@@ -68,10 +68,12 @@ def opened(page: Page, address: str) -> Page:
     """Open the page, wait until it shows its first object, and switch to 10,000 points of it."""
     page.set_default_timeout(TIMEOUT_MS)
     expect.set_options(timeout=TIMEOUT_MS)
+    page.emulate_media(reduced_motion="reduce")  # no turntable
     page.goto(f"{address}/")
     expect(page.locator("#count")).to_have_text(TRIANGLES)
     page.locator("#n").evaluate("(slider) => { slider.value = 4 }")
     page.get_by_role("switch", name="Surface").uncheck()
+    page.get_by_text("Advanced").click()
     expect(page.locator("#count")).to_have_text("10,000 points")
     return page
 
@@ -101,7 +103,7 @@ def warm(page: Page) -> int:
 
 def curl_line(page: Page, of: str) -> str:
     """Return the curl line that the page shows under an action."""
-    return page.locator(f'.curl[data-of="{of}"] code').inner_text()
+    return page.locator(f'.curl[data-of="{of}"] code').text_content() or ""
 
 
 def run(line: str, folder: Path) -> bytes:

@@ -39,7 +39,7 @@ def content_security_policy(page: str) -> str:
     scripts = " ".join(["'self'", *(f"'sha256-{digest}'" for digest in digests)])
     return (
         f"default-src 'none'; script-src {scripts}; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; "
-        "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+        "base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
     )
 
 
@@ -53,6 +53,8 @@ class Pages(StaticFiles):
         """Return the answer for a file. Raises Starlette's 404 and 405."""
         response = await self._compressed(path, scope) or await super().get_response(path, scope)
         response.headers["Cache-Control"] = "no-cache"
+        if path.endswith(".webp"):  # a type that mimetypes knows from Python 3.13 on
+            response.headers["Content-Type"] = "image/webp"
         if path.endswith(".html"):
             response.headers["Content-Security-Policy"] = content_security_policy((STATIC / path).read_text("utf-8"))
         if f"{path}.gz" in _compressed_files():

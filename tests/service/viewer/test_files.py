@@ -42,7 +42,7 @@ def test_page_is_cacheable_and_loads_nothing_from_elsewhere(client: httpx.Client
         ("css/style.css", "text/css; charset=utf-8"),
         ("icon.svg", "image/svg+xml"),
         ("bundle/three/three.module.min.js", "text/javascript; charset=utf-8"),
-        ("bundle/photos/chair.png", "image/png"),
+        ("photos/chair.webp", "image/webp"),
     ],
 )
 def test_static_file_has_its_media_type_and_an_etag(client: httpx.Client, name: str, media_type: str) -> None:
@@ -86,7 +86,9 @@ def test_static_files_refer_only_to_existing_files_by_relative_addresses(client:
         folder = "" if path.suffix == ".html" else f"/viewer/{path.parent.relative_to(viewer.STATIC).as_posix()}"
         names = [
             "".join(groups)
-            for groups in re.findall(r'(?:src|href|data-schema)="([^"#]+)"|"\./(viewer/[^"]+)"|from "(\.\.?/[^"]+)"', text)
+            for groups in re.findall(
+                r'(?:src|href|data-schema)="([^"#]+)"|"\./(viewer/[^"]+)"|from "(\.\.?/[^"]+)"', text
+            )
         ]
         assert names or path.suffix != ".html", path.name
         for name in names:

@@ -2,6 +2,12 @@
 // relative to the page, so that it works under the prefix of a proxy.
 
 import { askForKey, authorization } from "./key.js";
+import { notify } from "./notice.js";
+import { text } from "./text.js";
+
+const BUSY = [429, 503];
+const TRIES = 6; // of a call that the service is too busy for
+const MAX_WAIT_S = 60;
 
 const BYTES_PER_POINT = 12; // three float32
 const BYTES_PER_COLORED_POINT = 16; // three float32, then blue, green, red, 0
@@ -16,20 +22,48 @@ export class Problem extends Error {
 }
 
 async function call(path, options = {}) {
+  for (let tries = 1; ; tries++) {
+    const answer = await send(path, options);
+    if (answer.ok) return answer;
+    if (!BUSY.includes(answer.status) || tries === TRIES) throw await problemOf(answer);
+    await wait(answer.headers.get("Retry-After"), options.signal);
+  }
+}
+
+/** Wait as long as a busy service asks for, and tell the visitor. Throws AbortError if the call is aborted. */
+async function wait(retryAfter, signal) {
+  const seconds = Math.min(MAX_WAIT_S, Math.max(1, Number(retryAfter) || 1));
+  const hide = notify(text("busy", { seconds }));
+  try {
+    await new Promise((done, failed) => {
+      setTimeout(done, 1000 * seconds);
+      signal?.addEventListener("abort", () => failed(signal.reason), { once: true });
+    });
+  } finally {
+    hide();
+  }
+}
+
+async function problemOf(answer) {
+  const isProblem = answer.headers.get("Content-Type")?.startsWith("application/problem+json");
+  if (!isProblem) return new Problem(text("error", { status: answer.status }), answer.statusText);
+  const { title, detail } = await answer.json();
+  return new Problem(title, detail);
+}
+
+/** Send a call, with a key if one is needed; return its answer, whatever its status. */
+async function send(path, options) {
   const credentials = authorization();
   let answer;
   try {
     answer = await fetch(path, { ...options, headers: { ...options.headers, ...credentials } });
   } catch (error) {
     if (error.name === "AbortError") throw error;
-    throw new Problem("No answer", "The service cannot be reached.");
+    throw new Problem(text("noAnswer"), text("unreachable"));
   }
-  if (answer.ok) return answer;
   const keyIsNew = credentials.Authorization !== authorization().Authorization; // entered during this call
-  if (answer.status === 401 && (keyIsNew || (await askForKey("Authorization" in credentials)))) return call(path, options);
-  const isProblem = answer.headers.get("Content-Type")?.startsWith("application/problem+json");
-  const problem = isProblem ? await answer.json() : { title: `Error ${answer.status}`, detail: answer.statusText };
-  throw new Problem(problem.title, problem.detail);
+  if (answer.status === 401 && (keyIsNew || (await askForKey("Authorization" in credentials)))) return send(path, options);
+  return answer;
 }
 
 /** Fetch the loaded models, the default one first. */
@@ -37,16 +71,27 @@ export async function listModels() {
   return (await (await call("models")).json()).models;
 }
 
-/** The path that encodes a photo; an empty model means the default one. */
-export function encodePath(model) {
-  return model ? `encode?${new URLSearchParams({ model })}` : "encode";
+/** The path that encodes a photo; `query` has what differs from the service's defaults. */
+export function encodePath(query) {
+  const parameters = new URLSearchParams(query);
+  return parameters.size ? `encode?${parameters}` : "encode";
 }
 
 /** Encode a photo (File) and return the stored object. */
-export async function encode(photo, model) {
+export async function encode(photo, query, signal) {
   const form = new FormData();
   form.append("image", photo);
-  return (await call(encodePath(model), { method: "POST", body: form })).json();
+  return (await call(encodePath(query), { method: "POST", body: form, signal })).json();
+}
+
+/** Fetch one object by its id. */
+export async function fetchObject(id) {
+  return (await call(`objects/${encodeURIComponent(id)}`)).json();
+}
+
+/** Delete an object. `last`: the page is being closed. */
+export async function deleteObject(id, last = false) {
+  await call(`objects/${id}`, { method: "DELETE", keepalive: last });
 }
 
 /** Fetch a page of the stored objects, newest first: {items, next}. */
@@ -73,12 +118,17 @@ export async function fetchFile(path) {
   return { blob: await answer.blob(), name };
 }
 
+/** Fetch a picture of an object: the address of a blob. */
+export async function fetchPicture(object, size) {
+  return URL.createObjectURL((await fetchFile(filePath(object, "picture", { size, format: "webp" }))).blob);
+}
+
 /** Fetch a path and return all its bytes (ArrayBuffer). */
 export async function fetchBytes(path, signal) {
   return (await call(path, { signal })).arrayBuffer();
 }
 
-/** The path of an object's file; `of` is `points`, `mesh` or `weights`. */
+/** The path of an object's file; `of` is `points`, `mesh`, `weights` or `picture`. */
 export function filePath(object, of, query) {
   return `objects/${object.id}/${of}?${new URLSearchParams(query)}`;
 }
@@ -107,15 +157,4 @@ export async function streamPoints(object, query, signal, take) {
       head = null;
     }
   }
-}
-
-/** Fetch points and return all their bytes (Uint8Array). */
-export async function fetchPoints(object, query) {
-  const bytes = new Uint8Array(query.n * bytesPerPoint(object));
-  let filled = 0;
-  await streamPoints(object, query, undefined, (part) => {
-    bytes.set(part, filled);
-    filled += part.length;
-  });
-  return bytes;
 }

@@ -1,6 +1,7 @@
 // Shell lines that repeat what the page just did, each with a button that copies it.
 
 import { curlAuthorization } from "./key.js";
+import { text } from "./text.js";
 
 /** Show a curl line in a `.curl` element: options `before`, then the address of `path`. */
 export function showCurl(element, before, path) {
@@ -10,20 +11,23 @@ export function showCurl(element, before, path) {
   code.textContent = ["curl", curlAuthorization(), before, quoted].filter(Boolean).join(" ");
   const button = document.createElement("button");
   button.type = "button";
-  button.textContent = "Copy";
-  button.addEventListener("click", () => copy(code, button));
+  button.textContent = text("copy");
+  button.addEventListener("click", () => copyText(code.textContent, button, code));
   element.replaceChildren(code, button);
   element.hidden = false;
 }
 
-async function copy(code, button) {
+/** Copy a text and tell it on the button; where that is not allowed, select `element`, if it is there. */
+export async function copyText(content, button, element) {
+  const label = button.textContent;
   try {
-    await navigator.clipboard.writeText(code.textContent);
-    button.textContent = "Copied";
+    await navigator.clipboard.writeText(content);
+    button.textContent = text("copied");
   } catch {
     // No permission, or no HTTPS: select the line, so that one key copies it.
-    getSelection().selectAllChildren(code);
-    button.textContent = "Selected";
+    if (!element) return;
+    getSelection().selectAllChildren(element);
+    button.textContent = text("selected");
   }
-  setTimeout(() => (button.textContent = "Copy"), 2000);
+  setTimeout(() => (button.textContent = label), 2000);
 }

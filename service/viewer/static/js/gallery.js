@@ -1,29 +1,39 @@
-// The stored objects as cards. A click opens an object; dragging one onto another composes the two.
-import { fetchPoints, listObjects } from "./api.js";
-import { onColorsChange } from "./stage/colors.js";
+// The stored objects as cards. A click opens an object; dragging one onto another mixes the two.
+import { deleteObject, fetchPicture, listObjects } from "./api.js";
+import { notify } from "./notice.js";
 import { attempt } from "./problem.js";
-import { drawThumbnail } from "./thumbnail.js";
+import { text } from "./text.js";
 
 const PAGE = 24;
-const POINTS = 2500; // of a thumbnail
-const SIDE = 240; // of a thumbnail, pixels
+const SIDE = 240; // of a picture, pixels
+const UNDO_MS = 7000; // until a deletion is sent
 
 const section = document.getElementById("gallery");
 const list = section.querySelector("ul");
 const hint = document.getElementById("hint");
 const more = document.getElementById("more");
 
-const cards = new Map(); // by id: {object, item, points}
+const cards = new Map(); // by id: {object, item}
+const pictures = new Map(); // addresses by id
+const leaving = new Map(); // timers of deletions that can be undone, by id
 let cursor = null;
-let picked = null; // id of the first object of a composition
+let picked = null; // id of the first object of a mix
 let actions = {};
+
+const seen = new IntersectionObserver((entries) => {
+  for (const { target, isIntersecting } of entries) {
+    if (!isIntersecting) continue;
+    seen.unobserve(target);
+    attempt(() => draw(target));
+  }
+});
 
 /** Set up the gallery; `handlers` has `open(object)` and `compose(first, second)`. */
 export function startGallery(handlers) {
   actions = handlers;
   more.addEventListener("click", () => attempt(() => load(cursor)));
   document.addEventListener("keydown", (event) => event.key === "Escape" && pick(null));
-  onColorsChange(() => cards.forEach(draw));
+  addEventListener("pagehide", () => [...leaving.keys()].forEach((id) => deleteObject(id, true).catch(() => {})));
   pick(null);
 }
 
@@ -33,7 +43,7 @@ export async function reloadGallery() {
   return items[0];
 }
 
-/** Mark the shown or composed objects; `labels` maps an id to its letter, or to an empty string. */
+/** Mark the shown or mixed objects; `labels` maps an id to its letter, or to an empty string. */
 export function markCards(labels) {
   for (const [id, { item }] of cards) {
     item.classList.toggle("shown", id in labels);
@@ -44,64 +54,100 @@ export function markCards(labels) {
 async function load(from) {
   const page = await listObjects(from, PAGE);
   if (from === null) {
-    const kept = new Map(cards);
     cards.clear();
     list.replaceChildren();
-    for (const object of page.items) add(object, kept.get(object.id)?.points);
     pick(null);
-  } else page.items.forEach((object) => add(object));
+  }
+  const items = page.items.filter((object) => !leaving.has(object.id));
+  items.forEach(add);
   cursor = page.next;
   more.hidden = cursor === null;
-  return page.items;
+  return items;
 }
 
-function add(object, points) {
+function add(object) {
   const item = document.createElement("li");
-  const card = { object, item, points };
+  item.dataset.id = object.id;
+  const card = { object, item };
   cards.set(object.id, card);
-  item.append(...face(card));
-  if (!object.word) {
-    item.append(mixButton(card));
-    acceptDrags(card);
-  }
+  item.append(...face(card), foot(card));
+  if (!object.word) acceptDrags(card);
   list.append(item);
-  if (points) draw(card);
-  else attempt(async () => {
-    card.points = await fetchPoints(object, { n: POINTS });
-    draw(card);
-  });
+  seen.observe(item);
 }
 
-function draw({ object, item, points }) {
-  if (points) drawThumbnail(item.querySelector("canvas"), object, points);
+/** Show the picture of a card, when it comes into view. */
+async function draw(item) {
+  const { id } = item.dataset;
+  if (!cards.has(id)) return; // the list was loaded again
+  if (!pictures.has(id)) pictures.set(id, await fetchPicture(cards.get(id).object, SIDE));
+  item.querySelector("img").src = pictures.get(id);
 }
 
-/** Build picture, letter and name; picture and name open the object. The picture is a canvas: Firefox drags no button. */
+function nameOf(object) {
+  return `${text(object.kind)} ${object.id.slice(0, 6)}`;
+}
+
+/** Build picture, letter and name; picture and name open the object. The picture is no button: Firefox drags none. */
 function face({ object }) {
-  const canvas = document.createElement("canvas");
-  canvas.width = canvas.height = SIDE;
+  const picture = Object.assign(new Image(SIDE, SIDE), { alt: "", draggable: false });
   const letter = document.createElement("b");
   letter.className = "letter";
-  const button = document.createElement("button");
-  button.type = "button";
-  button.className = "open";
-  button.textContent = `${object.kind} ${object.id.slice(0, 6)}`;
-  for (const each of [canvas, button]) each.addEventListener("click", () => actions.open(object));
-  return [canvas, letter, button];
+  const button = buttonOf("open", nameOf(object));
+  for (const each of [picture, button]) each.addEventListener("click", () => actions.open(object));
+  return [picture, letter, button];
 }
 
-function mixButton({ object }) {
+function foot(card) {
+  const { object } = card;
+  const row = document.createElement("p");
+  if (!object.word) {
+    const mix = buttonOf("mix", text("mix"), text("mixNamed", { name: nameOf(object) }));
+    mix.setAttribute("aria-pressed", "false");
+    mix.addEventListener("click", () => choose(object.id));
+    row.append(mix);
+  }
+  const remove = buttonOf("delete", text("delete"), text("deleteNamed", { name: nameOf(object) }));
+  remove.addEventListener("click", () => removeCard(card));
+  row.append(remove);
+  return row;
+}
+
+function buttonOf(name, content, label = content) {
   const button = document.createElement("button");
-  button.type = "button";
-  button.className = "mix";
-  button.textContent = "Compose";
-  button.setAttribute("aria-label", `Compose ${object.id.slice(0, 6)}`);
-  button.setAttribute("aria-pressed", "false");
-  button.addEventListener("click", () => choose(object.id));
+  Object.assign(button, { type: "button", className: name, textContent: content, ariaLabel: label });
   return button;
 }
 
-/** Choose an object: the first one waits, the second one is composed with it. */
+/** Take a card away, and delete its object if that is not undone. */
+function removeCard({ object, item }) {
+  const next = item.nextElementSibling ?? item.previousElementSibling;
+  const place = item.nextSibling;
+  item.remove();
+  next?.querySelector(".open").focus();
+  const back = () => {
+    clearTimeout(leaving.get(object.id));
+    leaving.delete(object.id);
+    if (cards.has(object.id)) list.insertBefore(item, place?.isConnected ? place : null);
+    hide();
+  };
+  const hide = notify(text("deleted", { name: nameOf(object) }), { label: text("undo"), run: back });
+  const send = () =>
+    attempt(async () => {
+      try {
+        await deleteObject(object.id);
+        leaving.delete(object.id);
+        cards.delete(object.id);
+        hide();
+      } catch (error) {
+        back();
+        throw error;
+      }
+    });
+  leaving.set(object.id, setTimeout(send, UNDO_MS));
+}
+
+/** Choose an object: the first one waits, the second one is mixed with it. */
 function choose(id) {
   if (picked === null) pick(id);
   else if (picked === id) pick(null);
@@ -113,13 +159,17 @@ function compose(first, second) {
   actions.compose(cards.get(first).object, cards.get(second).object);
 }
 
+/** Offer only objects of the same model as the picked one. */
 function pick(id) {
   picked = id;
-  for (const [each, { item }] of cards) item.querySelector(".mix")?.setAttribute("aria-pressed", String(each === id));
-  hint.textContent =
-    id === null
-      ? "Drag one object onto another to compose them, or press Compose on both."
-      : "Now press Compose on a second object. Press Escape to cancel.";
+  const model = cards.get(id)?.object.model;
+  for (const [each, { item, object }] of cards) {
+    const button = item.querySelector(".mix");
+    if (!button) continue;
+    button.setAttribute("aria-pressed", String(each === id));
+    button.disabled = id !== null && object.model !== model;
+  }
+  hint.textContent = text(id === null ? "hint" : "hintPicked");
 }
 
 function acceptDrags({ object, item }) {

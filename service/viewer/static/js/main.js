@@ -1,19 +1,26 @@
-// The page: encode a photo, show objects, compose two of them.
-import { allWords, compose } from "./api.js";
+// The page: encode a photo, show objects, mix two of them.
+import { allWords, compose, fetchObject } from "./api.js";
 import { showCurl } from "./curl.js";
 import { markCards, reloadGallery, startGallery } from "./gallery.js";
-import { onEncoded, showModels } from "./photo.js";
+import { watchConnection } from "./notice.js";
+import { hidePhoto, showModels, startPhotos } from "./photo.js";
 import { attempt } from "./problem.js";
-import { focusStage, showObject, showWords } from "./view.js";
+import { text, translatePage } from "./text.js";
+import { clearView, focusStage, showObject, showWords, startView, stopWorking } from "./view.js";
 
-const galleryLine = document.querySelector("#gallery .curl");
+const ADDRESS = /^#\/objects\/(\w+)$/; // of an object, after the page's own
+const galleryLine = document.querySelector('.curl[data-of="gallery"]');
 
+/** Show an object and put its id into the page's address. */
 function show(object) {
+  const hash = `#/objects/${object.id}`;
+  if (location.hash !== hash) history.pushState(null, "", hash);
   showObject(object);
   markCards({ [object.id]: "" });
 }
 
 function open(object) {
+  hidePhoto();
   show(object);
   focusStage();
 }
@@ -27,8 +34,9 @@ function composeTwo(first, second) {
     const labels = objects.map((object) => object.word.map((id) => letters[id]).join(""));
     const about = `All words over A and B: ${labels[1]} is ${formula(labels[1])}; the last letter is applied first.`;
     await reloadGallery();
+    hidePhoto();
     markCards(letters);
-    showWords(objects, labels, about);
+    showWords(objects, labels, text("mixes"), about);
     focusStage();
   });
 }
@@ -38,14 +46,37 @@ function formula(word) {
   return `${[...word].join("(")}(x${")".repeat(word.length)}`;
 }
 
+/** Show the object of the page's address. Returns whether it names one. */
+async function showAddressed() {
+  const id = ADDRESS.exec(location.hash)?.[1];
+  if (id) {
+    hidePhoto();
+    show(await fetchObject(id));
+  }
+  return id !== undefined;
+}
+
+async function begin() {
+  const [isAddressed, newest] = await Promise.all([showAddressed(), reloadGallery()]);
+  if (isAddressed || !newest) return;
+  showObject(newest);
+  markCards({ [newest.id]: "" });
+}
+
+translatePage();
+watchConnection();
+startView(open);
 startGallery({ open, compose: composeTwo });
-onEncoded(async (object) => {
-  await reloadGallery();
-  show(object);
+startPhotos({
+  begin: clearView,
+  done: async (object) => {
+    show(object);
+    await reloadGallery();
+    markCards({ [object.id]: "" });
+  },
+  fail: stopWorking,
 });
 showCurl(galleryLine, "", "objects");
+addEventListener("popstate", () => attempt(showAddressed));
 attempt(showModels);
-attempt(async () => {
-  const newest = await reloadGallery();
-  if (newest) show(newest);
-});
+attempt(begin);

@@ -1,34 +1,39 @@
-// The photo: chosen, dropped or an example. It is encoded, then shown with the part that was used.
+// The photo: chosen, taken, dropped, pasted or an example. It is shown at once, then encoded; the last one wins.
 import { encode, encodePath, listModels } from "./api.js";
 import { showCurl } from "./curl.js";
 import { attempt } from "./problem.js";
+import { text } from "./text.js";
 
-const section = document.getElementById("photo");
-const file = document.getElementById("file");
-const drop = document.getElementById("drop");
-const model = document.getElementById("model");
-const framing = document.getElementById("framing");
+const element = (id) => document.getElementById(id);
+const [drop, model, background, framing] = ["drop", "model", "background", "framing"].map(element);
 const picture = framing.querySelector("img");
-const line = section.querySelector(".curl");
+const box = framing.querySelector(".box");
+const caption = framing.querySelector("figcaption");
+const line = document.querySelector('.curl[data-of="encode"]');
 
-const MASKS = {
-  alpha: "Background removed by transparency",
-  border: "Background removed by its single color",
-  matting: "Background removed by the matting model",
-  none: "Background not recognized: the whole picture was used",
-};
+const MASKS = { alpha: "maskAlpha", border: "maskBorder", matting: "maskMatting", none: "maskNone" };
 
-/** Call `listener` with the object of each encoded photo. */
-export function onEncoded(listener) {
-  const send = (photo) => attempt(async () => listener(await encodePhoto(await photo)));
-  file.addEventListener("change", () => {
-    if (file.files.length) send(file.files[0]);
-    file.value = ""; // so that the same file can be chosen again
-  });
-  for (const button of section.querySelectorAll("[data-photo]")) {
-    button.addEventListener("click", () => send(example(button)));
+let current; // {photo, abort} of the last photo
+let handlers;
+
+/** Set up the ways to give a photo. `actions`: `begin()`, `done(object)`, and `fail()`, each of the last photo only. */
+export function startPhotos(actions) {
+  handlers = actions;
+  for (const input of [element("file"), element("camera")]) {
+    input.addEventListener("change", () => {
+      if (input.files.length) send(input.files[0]);
+      input.value = ""; // so that the same file can be chosen again
+    });
   }
-  acceptDrops(send);
+  for (const button of document.querySelectorAll("[data-photo]")) {
+    button.addEventListener("click", () => attempt(async () => send(await example(button))));
+  }
+  background.addEventListener("change", () => current && send(current.photo));
+  acceptDrops();
+  document.addEventListener("paste", (event) => {
+    const [file] = event.clipboardData.files;
+    if (file) send(file);
+  });
 }
 
 /** Offer the models if there are several; calls leave out the default model's name. */
@@ -39,31 +44,61 @@ export async function showModels() {
   model.parentElement.hidden = models.length < 2;
 }
 
-async function encodePhoto(photo) {
-  URL.revokeObjectURL(picture.src);
+/** Forget the photo: an object is shown that is not of it. A photo that is still being encoded is given up. */
+export function hidePhoto() {
+  current?.abort.abort();
+  current = undefined;
   framing.hidden = true;
-  showCurl(line, `-F "image=@${photo.name.replace(/["\\$`]/g, "\\$&")}"`, encodePath(model.value));
-  section.setAttribute("aria-busy", "true");
-  try {
-    const object = await encode(photo, model.value);
-    picture.src = URL.createObjectURL(photo);
-    showFraming(object.image);
-    return object;
-  } finally {
-    section.removeAttribute("aria-busy");
-  }
 }
 
-function showFraming({ mask, box, confidence, width, height }) {
-  const [left, top, right, bottom] = box;
-  const place = framing.querySelector(".box").style;
-  place.left = `${(100 * left) / width}%`;
-  place.top = `${(100 * top) / height}%`;
-  place.width = `${(100 * (right - left)) / width}%`;
-  place.height = `${(100 * (bottom - top)) / height}%`;
-  const certainty = confidence === undefined ? "" : `, ${Math.round(100 * confidence)}% sure`;
-  framing.querySelector("figcaption").textContent = `${MASKS[mask]}${certainty}.`;
+/** Encode a photo (File) and show its object, unless another photo follows meanwhile. */
+function send(photo) {
+  current?.abort.abort();
+  const mine = { photo, abort: new AbortController() };
+  current = mine;
+  showPhoto(photo);
+  handlers.begin();
+  return attempt(async () => {
+    try {
+      const object = await encode(photo, query(), mine.abort.signal);
+      if (current !== mine) return;
+      showFraming(object.image);
+      await handlers.done(object);
+    } catch (error) {
+      if (current !== mine) return;
+      caption.textContent = text("notMade");
+      handlers.fail();
+      throw error;
+    }
+  });
+}
+
+function query() {
+  const chosen = { model: model.value, background: background.value };
+  if (!chosen.model) delete chosen.model;
+  if (chosen.background === "auto") delete chosen.background;
+  return chosen;
+}
+
+/** Show a photo before anything is known of it. */
+function showPhoto(photo) {
+  URL.revokeObjectURL(picture.src);
+  picture.src = URL.createObjectURL(photo);
+  box.hidden = true;
+  caption.textContent = "";
   framing.hidden = false;
+  showCurl(line, `-F "image=@${photo.name.replace(/["\\$`]/g, "\\$&")}"`, encodePath(query()));
+}
+
+/** Show which part of the photo was taken for the object, and how it was told from its background. */
+function showFraming({ mask, box: [left, top, right, bottom], confidence, width, height }) {
+  box.style.left = `${(100 * left) / width}%`;
+  box.style.top = `${(100 * top) / height}%`;
+  box.style.width = `${(100 * (right - left)) / width}%`;
+  box.style.height = `${(100 * (bottom - top)) / height}%`;
+  box.hidden = false;
+  const sure = confidence === undefined ? "" : `, ${text("maskSure", { percent: Math.round(100 * confidence) })}`;
+  caption.textContent = `${text(MASKS[mask])}${sure}.`;
 }
 
 async function example(button) {
@@ -71,7 +106,7 @@ async function example(button) {
   return new File([content], button.dataset.photo, { type: content.type });
 }
 
-function acceptDrops(send) {
+function acceptDrops() {
   const carriesFile = (event) => event.dataTransfer.types.includes("Files");
   document.addEventListener("dragover", (event) => {
     if (!carriesFile(event)) return;

@@ -1,5 +1,6 @@
 // The message at the top of the page that shows an error.
 import { Problem } from "./api.js";
+import { text } from "./text.js";
 
 const box = document.getElementById("problem");
 
@@ -7,7 +8,7 @@ const box = document.getElementById("problem");
 export function showProblem(error) {
   if (error.name === "AbortError") return;
   if (!(error instanceof Problem)) console.error(error);
-  box.querySelector("strong").textContent = error.title ?? "The page failed";
+  box.querySelector("strong").textContent = error.title ?? text("pageFailed");
   box.querySelector("span").textContent = error.message;
   box.hidden = false;
 }

@@ -1,28 +1,77 @@
-// The shown objects: number and seed of points, or the surface; progress; downloads.
-import { fetchFile, filePath, streamPoints } from "./api.js";
-import { Cloud } from "./stage/cloud.js";
-import { showCurl } from "./curl.js";
+// The shown objects: surface or points, their number and seed, and how far they have arrived.
+import { fetchPicture, streamPoints } from "./api.js";
+import { copyText } from "./curl.js";
+import { hideDownloads, preferFormat, showDownloads, startDownloads } from "./download.js";
 import { attempt } from "./problem.js";
+import { Cloud } from "./stage/cloud.js";
 import { Stage } from "./stage/stage.js";
 import { fetchSurface } from "./stage/surface.js";
+import { language, number, text } from "./text.js";
 
 const element = (id) => document.getElementById(id);
-const ids = ["n", "dots", "seed", "color", "surface", "download", "format", "words"];
-const [slider, dots, seed, color, surface, form, format, words] = ids.map(element);
+const ids = ["n", "dots", "seed", "color", "surface", "words", "stills", "link", "working", "empty"];
+const [slider, dots, seed, color, surface, words, stills, link, working, empty] = ids.map(element);
 const progress = document.querySelector("#view progress");
-const line = document.querySelector("#view .curl");
 
 const MAX_POINTS = Number(`1e${slider.max}`); // on the stage, all clouds together
+const STILL = 512; // pixels of a picture that is shown instead of the stage
+const [CLOSE, ROUGH] = [0.6, 0.4]; // expected F-scores at 2% of the longest side
 
 let stage; // undefined if the browser has no WebGL
 let clouds = [];
 let filling = new AbortController();
+let openAlone; // shows one object of several
+
+/** Set up the view; `open(object)` is called when one of several objects is chosen. */
+export function startView(open) {
+  openAlone = open;
+  try {
+    stage = new Stage(document.querySelector("#stage canvas"));
+  } catch {
+    empty.textContent = text("noWebgl");
+  }
+  startDownloads(chosen);
+  listen();
+  showControls();
+  showNumbers();
+}
 
 /** Show one object. */
 export function showObject(object) {
+  element("summary").textContent = summarize(object);
   element("about").textContent = describe(object);
   words.hidden = true;
   show([object]);
+  link.hidden = false;
+}
+
+/** Show words side by side, each with a label; a click on the label opens that word alone. */
+export function showWords(objects, labels, summary, about) {
+  element("summary").textContent = summary;
+  element("about").textContent = about;
+  words.replaceChildren(...objects.map((object, index) => label(object, labels[index])));
+  words.hidden = false;
+  show(objects);
+  words.style.setProperty("--columns", stage?.grid.columns ?? 2);
+  link.hidden = true;
+}
+
+/** Take away what is shown, while a photo is being encoded. */
+export function clearView() {
+  filling.abort();
+  for (const each of ["summary", "about", "count"]) element(each).textContent = "";
+  words.hidden = link.hidden = stills.hidden = empty.hidden = true;
+  working.hidden = false;
+  clouds = [];
+  stage?.set(clouds);
+  hideDownloads();
+  const view = element("view");
+  if (view.getBoundingClientRect().top > innerHeight / 2) view.scrollIntoView({ block: "start" });
+}
+
+/** Hide the sign that an object is being made. */
+export function stopWorking() {
+  working.hidden = true;
 }
 
 /** Scroll to the stage and let the keys turn it. */
@@ -30,47 +79,63 @@ export function focusStage() {
   document.querySelector("#stage canvas").focus();
 }
 
-/** Show words side by side, each with a label; a click on the label opens that word alone. */
-export function showWords(objects, labels, about) {
-  element("about").textContent = about;
-  words.replaceChildren(...objects.map((object, index) => label(object, labels[index])));
-  words.hidden = false;
-  show(objects);
-  words.style.setProperty("--columns", stage?.grid.columns ?? 2);
+/** A sentence for everyone: how large, how small, how likely. */
+function summarize({ dimensions, bytes, shape_confidence: fit }) {
+  const [width, height, depth] = (dimensions ?? []).map((side) => number(Number(side.toFixed(2))));
+  const size = dimensions ? text("size", { width, height, depth, kilobytes: number(Math.round(bytes / 1024)) }) : "";
+  if (fit === undefined) return size;
+  return `${text(fit >= CLOSE ? "fitClose" : fit >= ROUGH ? "fitRough" : "fitGuess")} ${size}`;
 }
 
 function describe({ kind, model, spec, bytes, dimensions, shape_confidence: fit, created_at: created }) {
-  const numbers = (bytes / 4).toLocaleString("en");
-  const when = new Date(created).toLocaleString("en-GB", { dateStyle: "medium", timeStyle: "short" });
+  const numbers = number(bytes / 4);
+  const when = new Date(created).toLocaleString(language, { dateStyle: "medium", timeStyle: "short" });
   const sides = dimensions?.map((side) => side.toFixed(2)).join(" × "); // lists lack those of older objects
   const size = sides ? `, ${sides} (width, height, depth)` : "";
   const likely = fit === undefined ? "" : `; expected fit of the shape: ${Math.round(100 * fit)}%`;
   return `${numbers} numbers (${spec.name}, k = ${spec.k}, of ${model}), ${kind} ${when}${size}${likely}`;
 }
 
-function label(object, text) {
+function label(object, name) {
   const item = document.createElement("li");
   const button = document.createElement("button");
   button.type = "button";
-  button.textContent = text;
-  button.addEventListener("click", () => showObject(object));
+  button.textContent = name;
+  button.addEventListener("click", () => openAlone(object));
   item.append(button);
   return item;
 }
 
 function show(objects) {
-  element("empty").hidden = Boolean(stage);
-  form.hidden = line.hidden = objects.length > 1;
+  working.hidden = true;
+  empty.hidden = Boolean(stage);
   color.parentElement.hidden = !objects.some((object) => object.color);
   clouds = objects.map((object) => new Cloud(object, stage?.materials));
+  if (clouds.length > 1) hideDownloads();
   stage?.set(clouds);
+  if (!stage) attempt(() => showStills(objects));
   fill();
+}
+
+/** Show pictures of objects, for browsers without WebGL. */
+async function showStills(objects) {
+  const addresses = await Promise.all(objects.map((object) => fetchPicture(object, STILL)));
+  if (clouds.some((cloud, index) => cloud.object !== objects[index])) return;
+  stills.replaceChildren(...addresses.map((src) => Object.assign(new Image(), { src, alt: "" })));
+  stills.hidden = false;
+  empty.hidden = true;
 }
 
 /** Points of each cloud: the slider's value, rounded to two digits. */
 function pointsPerCloud() {
   const n = Number((10 ** Number(slider.value)).toPrecision(2));
   return Math.min(n, Math.floor(MAX_POINTS / Math.max(1, clouds.length)));
+}
+
+/** What a download would save: the object that is shown alone, and how. */
+function chosen() {
+  const points = { n: pointsPerCloud(), seed: seed.value };
+  return { object: clouds[0].object, points, inColor: color.checked };
 }
 
 /** Fetch the points or surfaces that are missing. */
@@ -105,12 +170,12 @@ async function fillSurface(cloud, signal) {
 }
 
 function showNumbers() {
-  const n = pointsPerCloud().toLocaleString("en");
-  element("n-shown").textContent = n;
-  slider.setAttribute("aria-valuetext", `${n} points`);
+  const n = text("nPoints", { n: number(pointsPerCloud()) });
+  element("n-shown").textContent = number(pointsPerCloud());
+  slider.setAttribute("aria-valuetext", n);
   stage?.show(pointsPerCloud());
   showArrived();
-  if (!form.hidden) showDownload();
+  if (clouds.length === 1) showDownloads();
 }
 
 function showArrived() {
@@ -122,68 +187,29 @@ function showArrived() {
   const arrived = Math.min(n, ...clouds.map((cloud) => cloud.count));
   progress.value = clouds.length ? arrived / n : 0;
   progress.classList.toggle("done", arrived === n || !clouds.length);
-  const each = clouds.length > 1 ? " each" : "";
-  const done = arrived === n ? "" : ` of ${n.toLocaleString("en")}`;
-  element("count").textContent = clouds.length ? `${arrived.toLocaleString("en")}${done} points${each}` : "";
+  const key = arrived === n ? "nPoints" : "nOfPoints";
+  const points = text(key, { n: number(arrived), all: number(n) });
+  element("count").textContent = clouds.length > 1 ? text("each", { points }) : clouds.length ? points : "";
 }
 
 function showTriangles() {
   const shown = clouds.filter((cloud) => cloud.surface);
-  const triangles = shown.reduce((sum, cloud) => sum + cloud.surface.geometry.index.count / 3, 0);
+  const triangles = shown.reduce((sum, cloud) => sum + cloud.surface.triangles, 0);
   progress.value = clouds.length ? shown.length / clouds.length : 0;
   progress.classList.toggle("done", shown.length === clouds.length);
-  element("count").textContent = shown.length ? `${triangles.toLocaleString("en")} triangles` : "";
+  element("count").textContent = shown.length ? text("nTriangles", { n: number(triangles) }) : "";
 }
 
-/** The chosen file: its path in the API, and its suffix. */
-function chosenFile() {
-  const [{ object }] = clouds;
-  const name = format.value;
-  const { of } = format.selectedOptions[0].parentElement.dataset;
-  const query = of === "points" ? { n: pointsPerCloud(), seed: seed.value, format: name } : { format: name };
-  if (of !== "weights" && object.color && !color.checked) query.color = "none";
-  return { path: filePath(object, of, query), suffix: name };
-}
-
-function showDownload() {
-  const { path, suffix } = chosenFile();
-  showCurl(line, `-o object.${suffix}`, path);
-}
-
-/** Switch between surface and points, on the stage and in the list of formats. */
-function switchSurface() {
+/** Offer the controls of what is shown: points have a number and a size. */
+function showControls() {
   slider.disabled = dots.disabled = seed.disabled = surface.checked;
-  const group = format.querySelector(`[data-of="${surface.checked ? "mesh" : "points"}"]`);
-  group.firstElementChild.selected = true;
-  fill();
+  element("cloud").hidden = surface.checked;
 }
 
-async function save() {
-  const { blob, name } = await fetchFile(chosenFile().path);
-  const link = document.createElement("a");
-  link.href = URL.createObjectURL(blob);
-  link.download = name;
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(link.href), 60_000);
-}
-
-function toggleFullscreen() {
-  if (document.fullscreenElement) document.exitFullscreen();
-  else element("stage").requestFullscreen();
-}
-
-function start() {
-  try {
-    stage = new Stage(document.querySelector("#stage canvas"));
-  } catch {
-    element("empty").textContent = "This browser has no WebGL and cannot draw points. Downloads still work.";
-  }
-  dots.addEventListener("input", () => stage?.resizeDots(2 ** dots.valueAsNumber));
-  element("reset").addEventListener("click", () => stage?.reset());
-  element("fullscreen").hidden = !document.fullscreenEnabled;
-  element("fullscreen").addEventListener("click", toggleFullscreen);
+function listen() {
   slider.addEventListener("input", showNumbers);
   slider.addEventListener("change", fill);
+  dots.addEventListener("input", () => stage?.resizeDots(2 ** dots.valueAsNumber));
   seed.addEventListener("change", () => {
     if (!seed.reportValidity() || seed.value === "") return;
     for (const cloud of clouds) cloud.clear();
@@ -191,16 +217,20 @@ function start() {
   });
   color.addEventListener("change", () => {
     stage?.paint(color.checked);
-    if (!form.hidden) showDownload();
+    if (clouds.length === 1) showDownloads();
   });
-  surface.addEventListener("change", switchSurface);
-  format.addEventListener("change", showDownload);
-  form.addEventListener("submit", (event) => {
-    event.preventDefault();
-    attempt(save);
+  surface.addEventListener("change", () => {
+    showControls();
+    preferFormat(surface.checked ? "mesh" : "points");
+    fill();
   });
-  slider.disabled = dots.disabled = seed.disabled = surface.checked;
-  showNumbers();
+  element("reset").addEventListener("click", () => stage?.reset());
+  element("fullscreen").hidden = !document.fullscreenEnabled;
+  element("fullscreen").addEventListener("click", toggleFullscreen);
+  link.addEventListener("click", () => copyText(location.href, link));
 }
 
-start();
+function toggleFullscreen() {
+  if (document.fullscreenElement) document.exitFullscreen();
+  else element("stage").requestFullscreen();
+}

@@ -22,7 +22,8 @@ export class Cloud {
     this.points = new Points(new BufferGeometry(), materials?.points.shaded);
     this.points.frustumCulled = false; // always in view: an object fills the object frame
     this.scene.add(this.points);
-    if (object.dimensions) this.scene.add(shadowOf(object.dimensions)); // lists lack those of older objects
+    if (object.dimensions) this.shadow = shadowOf(object.dimensions); // lists lack those of older objects
+    if (this.shadow) this.scene.add(this.shadow);
     this.clear();
   }
 
@@ -89,6 +90,7 @@ export class Cloud {
   /** Draw the first n points, at most those that have arrived. */
   show(n) {
     this.points.geometry.setDrawRange(0, Math.min(n, this.count));
+    if (this.shadow) this.shadow.visible = Boolean(this.surface || this.count);
   }
 
   /** Draw a surface (Mesh) instead of the points; without an argument, draw the points again. */

@@ -62,6 +62,7 @@ export async function fetchSurface(object, signal) {
   if (colors) geometry.setAttribute("paint", new BufferAttribute(colors, 3));
   geometry.setIndex(new BufferAttribute(withoutLong(positions, indices), 1));
   const mesh = new Mesh(geometry);
+  mesh.triangles = indices.length / 3; // of the file; long ones are not drawn
   mesh.frustumCulled = false; // always in view: an object fills the object frame
   return mesh;
 }
