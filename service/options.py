@@ -1,4 +1,4 @@
-"""Options of encoding, sampling, meshing and drawing: the limits and defaults that the API and the offline commands share."""
+"""Options of encoding, sampling, meshing and drawing: limits and defaults, for the API and the offline commands."""
 
 from typing import Annotated, Final, Literal
 

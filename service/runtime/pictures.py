@@ -25,7 +25,7 @@ DISC_PIXELS: Final = 8  # for each pixel of the picture: the discs of all points
 
 
 def picture_cost(record: Record, options: PictureOptions) -> int:
-    """Return the cost of a picture, in points of the default model; a pixel of a disc takes about as long as a point."""
+    """Return the cost of a picture, in points of the default model; a disc's pixel takes about as long as a point."""
     return POINTS * cost_of_object(record, in_color=options.color == "auto") + DISC_PIXELS * options.size**2
 
 
