@@ -2,6 +2,7 @@
 
 import io
 import re
+from typing import Any
 
 import httpx
 import numpy as np
@@ -84,7 +85,8 @@ def test_picture_with_an_unsatisfiable_accept_or_id_is_refused(client: httpx.Cli
 def test_picture_while_the_points_gate_is_full_answers_429(settings: Settings, photo: bytes) -> None:
     with running(settings) as server, httpx.Client(base_url=f"http://127.0.0.1:{server.port}", timeout=60) as client:
         path = f"{client.post('/encode', content=photo).json()['links']['self']}/picture"
-        gate = server.config.app.state.gates.points
+        app: Any = server.config.app
+        gate = app.state.gates.points
         with gate.admit(settings.max_points_in_flight):
             answer = client.get(path)
         assert answer.status_code == 429
