@@ -4,7 +4,7 @@ Most outermost points of an object are images of the canonical domain's border, 
 search then tries points around the best candidates of each of the six directions, in steps that become smaller.
 The same function gives the same box on one machine with the same engine (NumPy, or numba if it is installed).
 Other engines round sums differently, and the search may end at another point: boxes then differ by up to a thousandth
-of the longest side. `python -m benchmarks.speed.boxes` prints the error against the box of ten million points.
+of the longest side. benchmarks/BOXES.md has the error against the box of many points.
 """
 
 from functools import lru_cache

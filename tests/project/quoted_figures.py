@@ -23,6 +23,7 @@ class Quote(NamedTuple):
 
 QUOTES: Final = (
     Quote("README.md", "Performance", "RESULTS.md", "HOF-1, k = 2: Mpoints/s, one core"),
+    Quote("docs/api.md", "Size", "BOXES.md", None),
     Quote("docs/performance.md", "Points", "RESULTS.md", "HOF-1, k = 1: Mpoints/s, one core"),
     Quote("docs/performance.md", "Against other decoders, and over HTTP", "RESULTS.md", None),
     Quote("docs/performance.md", "Under overload", "LOAD.md", None),
