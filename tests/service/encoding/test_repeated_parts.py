@@ -47,23 +47,34 @@ def _box(kind: bytes, data: bytes) -> bytes:
     return struct.pack(">I", len(data) + 8) + kind + data
 
 
-def _avif(kind: bytes, inner: bytes) -> bytes:
-    """Return an AVIF with one more box among those of its items, which are then misplaced."""
+def _avif(extra: bytes, inside: bytes = b"") -> bytes:
+    """Return an AVIF with one more box in `meta`, or in a box there; nothing that its offsets name moves."""
     file = image_file(disc(), "AVIF", speed=10)
-    at = file.index(b"meta") - 4
-    size, extra = int.from_bytes(file[at : at + 4], "big"), _box(kind, inner)
-    return file[:at] + struct.pack(">I", size + len(extra)) + file[at + 4 : at + size] + extra + file[at + size :]
+    at = file.index(b"meta")
+    end = at - 4 + int.from_bytes(file[at - 4 : at], "big")
+    meta = file[at + 4 : end]
+    if inside:
+        start = meta.index(inside) - 4
+        size = int.from_bytes(meta[start : start + 4], "big")
+        meta = meta[:start] + _box(inside, meta[start + 8 : start + size] + extra) + meta[start + size :]
+    else:
+        meta += extra
+    return file[:at] + b"free" + file[at + 4 :] + _box(b"meta", meta)
 
 
 def _references() -> bytes:
     """Return references to as many items as there is room for; libavif looks each up among all others."""
-    return b"\1\0\0\0" + b"".join(_box(b"cdsc", struct.pack(">IHI", number, 1, 1)) for number in range(SIZE // 18))
+    return b"\1\0\0\0" + b"".join(_box(b"cdsc", struct.pack(">IHI", number, 1, 1)) for number in range(100, SIZE // 18))
 
 
 def _associations() -> bytes:
     """Return the properties of as many items as there is room for."""
     count = SIZE // 5
-    return b"\1\0\0\0" + struct.pack(">I", count) + b"".join(struct.pack(">IB", number, 0) for number in range(count))
+    return (
+        b"\1\0\0\0"
+        + struct.pack(">I", count)
+        + b"".join(struct.pack(">IB", number + 100, 0) for number in range(count))
+    )
 
 
 def _frame() -> bytes:
@@ -83,8 +94,8 @@ FILES: dict[str, tuple[Callable[[], bytes], int]] = {
     "JPEG profiles": (lambda: _jpeg(0xE2, b"ICC_PROFILE\0\1\1" + bytes(292), 65_400), 201),
     "JPEG frames": (lambda: _jpeg(0xC0, _frame()), 400),
     "JPEG quantization": (lambda: _jpeg(0xDB, b"\0" + bytes([1]) * 64, 65_400), 201),
-    "AVIF references": (lambda: _avif(b"iref", _references()), 413),
-    "AVIF properties": (lambda: _avif(b"iprp", _box(b"ipma", _associations())), 413),
+    "AVIF references": (lambda: _avif(_box(b"iref", _references())), 413),
+    "AVIF properties": (lambda: _avif(_box(b"ipma", _associations()), b"iprp"), 413),
 }
 
 
