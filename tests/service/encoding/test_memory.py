@@ -18,6 +18,22 @@ from tests.support.photos import image_file, png_chunk, png_file
 
 pytestmark = pytest.mark.server
 
+MATTING_BYTES = 275 * 10**6  # docs/operations.md; tests/project/test_deploy.py reckons with 275 MiB
+MATTING = """
+import sys
+from pathlib import Path
+from PIL import Image
+from service.encoding.matting import Matting
+from tests.support.resources import reset_peak, status_bytes
+
+matting = Matting.of(Path(sys.argv[1]), int(sys.argv[2]))
+photo = Image.effect_noise((400, 300), 90).convert("RGB")
+matting(photo)
+reset_peak("self")
+before = status_bytes("self", "VmRSS")
+matting(photo.rotate(90))
+print(status_bytes("self", "VmHWM") - before, status_bytes("self", "VmRSS") - before)
+"""
 QUARTER = (4_000, 2_000)
 WHOLE = (8_000, 4_000)
 SLACK_BYTES = 16 * MIB  # of the file and of small buffers; a file of 20 MiB comes on top
@@ -116,3 +132,14 @@ def test_decoding_of_a_long_jpeg_at_the_limit_stays_within_the_stated_memory(
 
 def test_decoding_of_a_jpeg_of_48_megapixels_stays_within_the_stated_memory(tmp_path: Path) -> None:
     _check(tmp_path, MODES["JPEG progressive"], (8_000, 6_000), DEFAULT_MAX_PIXELS)
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("threads", [1, 2, 4])
+def test_matting_stays_within_the_stated_memory_and_returns_it(u2net_home: Path, threads: int) -> None:
+    command = [sys.executable, "-c", MATTING, str(u2net_home / "u2netp.onnx"), str(threads)]
+    result = subprocess.run(command, cwd=ROOT, env={"PYTHONPATH": str(ROOT)}, capture_output=True, check=False)
+    assert result.returncode == 0, result.stderr.decode()
+    peak, kept = map(int, result.stdout.split())
+    assert peak <= MATTING_BYTES
+    assert kept <= SLACK_BYTES
