@@ -19,6 +19,7 @@ const leaving = new Map(); // timers of deletions that can be undone, by id
 let cursor = null;
 let picked = null; // id of the first object of a mix
 let actions = {};
+let marks = {}; // labels of the shown objects, by id
 
 const seen = new IntersectionObserver((entries) => {
   for (const { target, isIntersecting } of entries) {
@@ -45,6 +46,7 @@ export async function reloadGallery() {
 
 /** Mark the shown or mixed objects; `labels` maps an id to its letter, or to an empty string. */
 export function markCards(labels) {
+  marks = labels;
   for (const [id, { item }] of cards) {
     item.classList.toggle("shown", id in labels);
     item.querySelector(".letter").textContent = labels[id] ?? "";
@@ -60,6 +62,7 @@ async function load(from) {
   }
   const items = page.items.filter((object) => !leaving.has(object.id));
   items.forEach(add);
+  markCards(marks);
   cursor = page.next;
   more.hidden = cursor === null;
   return items;

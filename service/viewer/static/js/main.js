@@ -72,7 +72,6 @@ startPhotos({
   done: async (object) => {
     show(object);
     await reloadGallery();
-    markCards({ [object.id]: "" });
   },
   fail: stopWorking,
 });

@@ -1,0 +1,108 @@
+"""The page in Chromium: races, a busy service, links, undo, languages, and a browser without WebGL."""
+
+import json
+import re
+from pathlib import Path
+
+import httpx
+from playwright.sync_api import Browser, Page, Route, expect
+
+from service.api.routes import viewer
+from tests.support.browsing import PICTURES, TIMEOUT_MS, TRIANGLES, photo
+
+LANGUAGES = json.loads(
+    (viewer.STATIC / "js" / "languages.js").read_text("utf-8").partition("LANGUAGES = ")[2].rstrip().rstrip(";")
+)
+
+
+def test_photo_that_is_chosen_last_wins(page: Page) -> None:
+    held: list[Route] = []
+
+    def hold_first(route: Route) -> None:
+        if held:
+            route.continue_()
+        else:
+            held.append(route)
+
+    page.route("**/encode", hold_first)
+    page.get_by_role("button", name="Bed").click()
+    expect(page.locator("#working")).to_be_visible()
+    page.get_by_role("button", name="Barrel").click()
+    expect(page.locator("#framing figcaption")).to_contain_text("transparency")
+    expect(page).to_have_url(re.compile(r"/#/objects/[0-9a-f]{32}$"))
+    shown = page.url
+    held[0].continue_()
+    page.wait_for_timeout(1000)
+    assert page.url == shown
+
+
+def test_photo_while_the_service_is_busy_waits_and_tells(page: Page) -> None:
+    busy = iter([{"Retry-After": "1"}])
+
+    def refuse_once(route: Route) -> None:
+        if headers := next(busy, None):
+            route.fulfill(status=429, headers=headers, content_type="application/problem+json", body="{}")
+        else:
+            route.continue_()
+
+    page.route("**/encode", refuse_once)
+    page.get_by_role("button", name="Lamp").click()
+    expect(page.locator("#notice")).to_contain_text("Trying again in 1 s")
+    page.screenshot(path=PICTURES / "busy.png")
+    expect(page.locator("#framing figcaption")).to_contain_text("transparency")
+    expect(page.locator("#notice")).to_be_hidden()
+    expect(page.get_by_role("alert")).to_be_hidden()
+
+
+def test_connection_that_is_lost_is_told(page: Page) -> None:
+    page.context.set_offline(True)
+    expect(page.locator("#notice")).to_contain_text("offline")
+    page.set_input_files("#file", photo("chair"))
+    expect(page.locator("#problem")).to_contain_text("cannot be reached")
+    page.context.set_offline(False)
+    expect(page.locator("#notice")).to_be_hidden()
+
+
+def test_address_of_an_object_opens_it_after_a_reload(page: Page, address: str) -> None:
+    page.locator("#gallery .open").last.click()
+    expect(page).to_have_url(re.compile(r"/#/objects/[0-9a-f]{32}$"))
+    name = page.locator("#gallery li.shown .open").inner_text()
+    page.reload()
+    expect(page.locator("#count")).to_have_text(TRIANGLES)
+    assert page.locator("#gallery li.shown .open").inner_text() == name
+
+
+def test_deletion_can_be_undone_and_is_sent_later(page: Page, address: str) -> None:
+    count = page.locator("#gallery li").count()
+    page.get_by_role("button", name="Delete Photo").first.click()
+    expect(page.locator("#gallery li")).to_have_count(count - 1)
+    page.get_by_role("button", name="Undo").click()
+    expect(page.locator("#gallery li")).to_have_count(count)
+    stored = httpx.post(f"{address}/encode?background=keep", content=photo("chair").read_bytes()).json()
+    page.reload()
+    with page.expect_response(lambda response: response.request.method == "DELETE") as answer:
+        page.locator(f'#gallery li[data-id="{stored["id"]}"] .delete').click()
+    assert answer.value.status == 204
+
+
+def test_page_without_webgl_shows_a_picture(browser: Browser, address: str) -> None:
+    with browser.new_context() as context:
+        page = context.new_page()
+        page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
+        page.goto(f"{address}/")
+        expect(page.locator("#stills img")).to_be_visible(timeout=TIMEOUT_MS)
+
+
+def test_page_in_each_language_translates_every_text(browser: Browser, address: str) -> None:
+    index = (viewer.STATIC / "index.html").read_text("utf-8")
+    scripts = "".join(Path(path).read_text("utf-8") for path in viewer.STATIC.glob("js/*.js"))
+    used = set(re.findall(r'data-(?:text|label|alt)="(\w+)"', index)) | set(re.findall(r'\btext\("(\w+)"', scripts))
+    for code, texts in LANGUAGES.items():
+        assert texts.keys() == LANGUAGES["en"].keys(), code
+        assert used <= texts.keys(), code
+    with browser.new_context(locale="de-DE") as context:
+        page = context.new_page()
+        page.goto(f"{address}/")
+        expect(page.locator("#drop")).to_have_text("Foto auswählen")
+        page.locator("#language").select_option("fr")
+        expect(page.locator("#drop")).to_have_text("Choisir une photo")
