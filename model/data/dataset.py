@@ -16,6 +16,7 @@ from torch import Tensor
 from model.config import TrainConfig
 from model.data.augment import ANY_LIGHT, Light, augment, oversize
 from model.data.manifest import COLORS, Entry, Manifest, Split, piece_files, variant_files
+from model.data.packed.shards import OWN
 from model.data.sources.photographs import photograph_files
 from service.encoding.framing import Framing, frame
 from service.mapping.canonical import canonical_points
@@ -25,7 +26,6 @@ Floats = npt.NDArray[np.float32]
 
 VISIBLE: Final = 0.005  # least share of a view's pixels: a flat object seen from its edge is left out
 PIECES_PER_DRAW: Final = 20  # pieces that share one object's turn: 9,000 pieces fill four tenths of the batches
-OWN: Final = 2  # an object's first shapes: as built, and under free cameras
 MIRROR: Final = np.array([-1, 1, 1], np.float32)  # left and right exchanged, object frame
 
 
@@ -167,8 +167,8 @@ def _epoch_slice(objects: int, config: TrainConfig, step: int) -> npt.NDArray[np
     return np.array([orders[epoch][position % objects] for epoch, position in zip(epochs, positions, strict=True)])
 
 
-def plain_images(crops: Bytes, size: int) -> Tensor:
+def plain_images(crops: Tensor, size: int) -> Tensor:
     """Put stored crops over white, as the service does: (b, S, S, 4) uint8 -> (b, 3, size, size)."""
-    pixels = torch.from_numpy(crops).permute(0, 3, 1, 2).float() / 255
+    pixels = crops.permute(0, 3, 1, 2).float() / 255
     alpha = pixels[:, 3:]
     return nnf.avg_pool2d(pixels[:, :3] * alpha + (1 - alpha), oversize(size))

@@ -2,9 +2,11 @@
 
 import json
 from pathlib import Path
-from typing import TextIO
+from typing import Final, TextIO
 
 from service.files import whole_file
+
+LOG_EVERY: Final = 50  # steps; on a GPU the host waits for it there
 
 
 def log_line(log: TextIO, step: int, elapsed_s: float, figures: dict[str, float]) -> None:

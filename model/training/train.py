@@ -17,7 +17,7 @@ from model.config import TrainConfig
 from model.data.dataset import Batch, draw_batch, load_examples
 from model.training.average import update_average
 from model.training.checkpoints import chosen_checkpoint
-from model.training.log import log_line
+from model.training.log import LOG_EVERY, log_line
 from model.training.losses import training_loss
 from model.training.memory import keep_freed_memory
 from model.training.optimization import set_learning_rate
@@ -25,7 +25,6 @@ from model.training.state import RunState, open_run, score
 from model.training.validation import validate
 
 CHECKPOINT_EVERY_S: Final = 600.0
-LOG_EVERY: Final = 50  # steps
 
 
 def train(data: Path, run: Path, config: TrainConfig) -> Path:

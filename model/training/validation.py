@@ -1,7 +1,5 @@
 """Validation of a run: fixed views of the validation split, on white."""
 
-from typing import Final
-
 import numpy as np
 import torch
 from torch import Tensor, nn
@@ -9,22 +7,19 @@ from torch import Tensor, nn
 from model.config import TrainConfig
 from model.data.dataset import Examples, plain_images
 from model.metrics import compare
+from model.training.device.validation import TARGET_POINTS, VALIDATION_POINTS, VIEWS
 from service.mapping.canonical import canonical_points
-
-VIEWS: Final = (1, 13)  # of 24: from the front, a little to the side, and from behind
-POINTS: Final = 2_000  # predicted
-TARGET_POINTS: Final = 4_000
 
 
 @torch.no_grad()
 def validate(network: nn.Module, config: TrainConfig, validation: Examples) -> dict[str, float]:
     """Return means over the validation objects and VIEWS: `val`, which is cd_sq / 100, `f@1%` and `f@2%`."""
-    canonical = torch.from_numpy(canonical_points(config.spec.domain, POINTS, config.seed))
+    canonical = torch.from_numpy(canonical_points(config.spec.domain, VALIDATION_POINTS, config.seed))
     metrics = []
     for view in VIEWS:
         crops, points = validation.built(view)
         for start in range(0, len(crops), config.batch):
-            images = plain_images(crops[start : start + config.batch], config.framing.size)
+            images = plain_images(torch.from_numpy(crops[start : start + config.batch]), config.framing.size)
             images = images.contiguous(memory_format=torch.channels_last)
             predicted: Tensor = network(images, canonical.expand(len(images), -1, -1))
             true = points[start : start + config.batch, :TARGET_POINTS]

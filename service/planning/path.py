@@ -11,7 +11,7 @@ from service.planning.search import search
 
 Reason = Literal["start inside", "goal inside", "enclosed"]
 CELLS: Final = (8, 64)  # fewest and most along each side
-POINTS: Final = 64  # of the object, for each cell of one side of the cube: the cells of a surface then hold several
+POINTS_PER_CELL: Final = 64  # of one side of the cube: the cells of a surface then hold several of the object's points
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ class Path:
 
 def points_for(cells: int) -> int:
     """Return how many points of an object fill a grid with this many cells along each side."""
-    return POINTS * cells**2
+    return POINTS_PER_CELL * cells**2
 
 
 def plan(grid: Grid, start: Sequence[float], goal: Sequence[float]) -> Path:

@@ -115,7 +115,7 @@ def with_functions(record: Record, members: Mapping[str, Functions]) -> Proposal
     return Proposal(record, _mean_of(functions))
 
 
-def examined(proposals: Sequence[Proposal]) -> list[Proposal]:
+def examine_all(proposals: Sequence[Proposal]) -> list[Proposal]:
     """Return the proposals with their frames.
 
     Raises InvalidParameter if points of an object exceed float32. A word's may, even if those of its functions do not.

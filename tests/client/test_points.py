@@ -163,7 +163,7 @@ def test_points_that_end_early_are_refused(length: int) -> None:
         reader.result()
 
 
-def test_more_points_than_asked_for_are_refused() -> None:
+def test_points_beyond_the_requested_number_are_refused() -> None:
     with pytest.raises(UnexpectedAnswer, match="more than the 10 points"):
         PointArray(10, "<f4").feed(bytes(121))
 

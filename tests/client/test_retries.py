@@ -197,7 +197,7 @@ def test_wait_is_never_shorter_than_the_service_says() -> None:
     assert 7 <= min(waits) < max(waits) <= 8
 
 
-def test_no_attempt_starts_after_the_total(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_attempt_after_the_total_is_not_started(monkeypatch: pytest.MonkeyPatch) -> None:
     now = [0.0]
     monkeypatch.setattr("hof_client.retries.time.monotonic", lambda: now[0])
     attempts = Attempts(Retry(times=100, total_s=10, first_s=1, longest_s=1))

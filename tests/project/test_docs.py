@@ -64,7 +64,7 @@ def test_extras_in_a_document_exist(document: Path) -> None:
     assert extras <= set(tomllib.loads(text_of("pyproject.toml"))["project"]["optional-dependencies"])
 
 
-def test_every_document_of_the_folder_is_linked_in_the_readme() -> None:
+def test_documents_of_the_folder_are_all_linked_in_the_readme() -> None:
     readme = text_of("README.md")
     assert [path.name for path in (ROOT / "docs").glob("*.md") if f"(docs/{path.name})" not in readme] == []
 

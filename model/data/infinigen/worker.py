@@ -57,7 +57,7 @@ def make(factory: str, seed: int, file: Path) -> int:
     """
     bpy.ops.wm.read_factory_settings(use_empty=True)
     random.seed(seed)
-    mesh = _joined(_spawn(factory, seed))
+    mesh = _join(_spawn(factory, seed))
     _divide(mesh)
     _bake(mesh)
     vertices, triangles, colors = _arrays(mesh)
@@ -88,7 +88,7 @@ def _spawn(factory: str, seed: int) -> list[Any]:
     return meshes
 
 
-def _joined(meshes: list[Any]) -> Any:  # noqa: ANN401 - a Blender object
+def _join(meshes: list[Any]) -> Any:  # noqa: ANN401 - a Blender object
     """Apply all modifiers, join the objects and reduce the result to MOST_TRIANGLES or so."""
     bpy.ops.object.select_all(action="DESELECT")
     for each in meshes:

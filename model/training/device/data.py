@@ -10,9 +10,9 @@ from PIL import Image
 
 from model.config import DeviceOptions, TrainConfig
 from model.data.augment import oversize
-from model.data.dataset import OWN, Examples, Shape, load_examples
+from model.data.dataset import Examples, Shape, load_examples
 from model.data.packed.photographs import read_photographs
-from model.data.packed.shards import MADE_SOURCE, Row, quantize
+from model.data.packed.shards import MADE_SOURCE, OWN, Row, quantize
 from model.data.packed.tensors import Tensors, arrange, read_packed
 from model.training.device.augment import Grounds
 from model.training.device.pictures import photograph_pictures, texture_pictures

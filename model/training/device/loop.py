@@ -14,10 +14,9 @@ from model.training.device.draws import Draws
 from model.training.device.placement import torch_device
 from model.training.device.steps import Steps
 from model.training.device.validation import validate
-from model.training.log import log_line
+from model.training.log import LOG_EVERY, log_line
 from model.training.state import RunState, open_run, score
 
-LOG_EVERY: Final = 50  # steps; the host waits for the device there
 CHECKPOINT_EVERY_S: Final = 60.0
 
 

@@ -3,18 +3,17 @@
 from typing import Final
 
 import torch
-import torch.nn.functional as nnf
 from torch import Tensor, nn
 
 from model.config import TrainConfig
-from model.data.augment import oversize
+from model.data.dataset import plain_images
 from model.data.packed.tensors import Tensors, dequantize
 from model.networks.ops.dispatch import nearest_index
 from model.training.losses import gather
 from service.mapping.canonical import canonical_points
 
 VIEWS: Final = (1, 13)  # of 24: from the front, a little to the side, and from behind
-POINTS: Final = 2_000  # predicted
+VALIDATION_POINTS: Final = 2_000  # predicted
 TARGET_POINTS: Final = 4_000
 
 
@@ -22,7 +21,7 @@ TARGET_POINTS: Final = 4_000
 def validate(network: nn.Module, config: TrainConfig, validation: Tensors) -> dict[str, float]:
     """Return means over the validation objects and VIEWS: `val`, which is cd_sq / 100, `f@1%` and `f@2%`."""
     device = validation.images.device
-    canonical = torch.from_numpy(canonical_points(config.spec.domain, POINTS, config.seed)).to(device)
+    canonical = torch.from_numpy(canonical_points(config.spec.domain, VALIDATION_POINTS, config.seed)).to(device)
     metrics = []
     for view in VIEWS:
         for units in validation.units.split(config.batch):  # type: ignore[no-untyped-call]
@@ -35,13 +34,6 @@ def validate(network: nn.Module, config: TrainConfig, validation: Tensors) -> di
             metrics.append(_compare(predicted.float(), _targets(validation, chosen)))
     val, f1, f2 = torch.cat(metrics).mean(0).tolist()
     return {"val": val, "f@1%": f1, "f@2%": f2}
-
-
-def plain_images(crops: Tensor, size: int) -> Tensor:
-    """Lay stored crops over white, as the service shows them: (b, S, S, 4) uint8 -> (b, 3, size, size)."""
-    pixels = crops.permute(0, 3, 1, 2).float() / 255
-    alpha = pixels[:, 3:]
-    return nnf.avg_pool2d(pixels[:, :3] * alpha + (1 - alpha), oversize(size))
 
 
 def _targets(validation: Tensors, views: Tensor) -> Tensor:

@@ -18,7 +18,7 @@ from service.api.wire.json_bodies import read_json
 from service.errors import NotFound
 from service.mapping.box import PROBE_POINTS
 from service.mapping.spec import Functions
-from service.runtime.composition import Proposal, check_records, examined, propose, with_functions
+from service.runtime.composition import Proposal, check_records, examine_all, propose, with_functions
 from service.runtime.cost import check_cost, cost_of
 from service.runtime.parts import Runtime
 from service.storage.ids import is_id
@@ -113,10 +113,10 @@ async def _make(
     check_cost(n, cost, runtime.settings.max_points, "objects")
     with runtime.gates.points.admit(max(n, PROBE_POINTS * len(members)) * cost, client_of(request.scope)):
         functions = {object_id: (await runtime.store.get(object_id))[1] for object_id in {each.id for each in members}}
-        proposals = await while_connected(request, runtime.run(_examined, fresh, functions))
+        proposals = await while_connected(request, runtime.run(_examine_fresh, fresh, functions))
         return await runtime.store.put_all([(proposal.record, proposal.own) for proposal in proposals])
 
 
-def _examined(fresh: Sequence[Record], functions: Mapping[str, Functions]) -> list[Proposal]:
+def _examine_fresh(fresh: Sequence[Record], functions: Mapping[str, Functions]) -> list[Proposal]:
     """Return the new objects with their functions and frames. Raises InvalidParameter if points exceed float32."""
-    return examined([with_functions(record, functions) for record in fresh])
+    return examine_all([with_functions(record, functions) for record in fresh])

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from model.config import TrainConfig
 from model.data.dataset import Bytes, Examples, Shape, draw_batch, load_examples, plain_images
@@ -110,7 +111,7 @@ def test_draw_batch_mirrored_points_keep_their_colors(examples: Examples) -> Non
 
 
 def test_plain_images_crops_are_put_over_white() -> None:
-    image = plain_images(crops(1, 255), 16)
+    image = plain_images(torch.from_numpy(crops(1, 255)), 16)
     assert image.shape == (1, 3, 16, 16)
     assert image[0, :, 8, 4].tolist() == pytest.approx([1, 30 / 255, 30 / 255])
     assert image[0, :, 0, 0].tolist() == [1, 1, 1]

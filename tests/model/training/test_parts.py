@@ -24,7 +24,7 @@ def path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "last.pt"
 
 
-def test_a_checkpoint_in_parts_is_read_back_whole(path: Path) -> None:
+def test_checkpoint_in_parts_is_read_back_whole(path: Path) -> None:
     save_checkpoint(checkpoint(7), path, in_parts=True)
     *files, index = names(path.parent)
     assert index == "last.pt.parts"
@@ -37,7 +37,7 @@ def test_a_checkpoint_in_parts_is_read_back_whole(path: Path) -> None:
 
 
 @pytest.mark.parametrize("forms", [(True, True), (True, False), (False, True)])
-def test_a_later_checkpoint_replaces_an_earlier_one_of_any_form(forms: tuple[bool, bool], path: Path) -> None:
+def test_later_checkpoint_replaces_an_earlier_one_of_any_form(forms: tuple[bool, bool], path: Path) -> None:
     first, second = forms
     save_checkpoint(checkpoint(1), path, in_parts=first)
     save_checkpoint(checkpoint(2), path, in_parts=second)

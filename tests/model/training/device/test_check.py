@@ -25,7 +25,7 @@ def test_parity_tells_where_a_limit_does_not_hold(monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU: `make gpu-check` tests it")
-def test_the_check_says_so_and_fails_without_a_gpu() -> None:
+def test_check_without_a_gpu_says_so_and_fails() -> None:
     root = Path(__file__).parents[4]
     command = [sys.executable, "-m", "model.training.device.check"]
     done = subprocess.run(command, cwd=root, capture_output=True, text=True)

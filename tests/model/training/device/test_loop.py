@@ -74,7 +74,7 @@ def test_steps_refuse_a_loss_that_is_not_finite(options: DeviceOptions) -> None:
         taker.mean_loss()
 
 
-def test_a_resumed_run_makes_the_same_steps(options: DeviceOptions, tmp_path: Path) -> None:
+def test_resumed_run_makes_the_same_steps(options: DeviceOptions, tmp_path: Path) -> None:
     whole, first = (steps(options, RunState(CONFIG)) for _ in range(2))
     for _ in range(6):
         whole.take()
@@ -93,7 +93,7 @@ def test_a_resumed_run_makes_the_same_steps(options: DeviceOptions, tmp_path: Pa
             assert torch.equal(value, theirs.state_dict()[name]), name
 
 
-def test_a_run_from_shards_is_one_from_the_folder(folder: Path, options: DeviceOptions) -> None:
+def test_run_from_shards_equals_one_from_the_folder(folder: Path, options: DeviceOptions) -> None:
     packed, unpacked = (load_data(folder, CONFIG, each) for each in (options, DeviceOptions(device="cpu")))
     validation = [load_validation(folder, CONFIG, each) for each in (options, DeviceOptions(device="cpu"))]
     for ours, theirs in ((packed.train, unpacked.train), validation):
@@ -106,7 +106,7 @@ def test_a_run_from_shards_is_one_from_the_folder(folder: Path, options: DeviceO
         assert float((ours.points.float().mean(0) - theirs.points.float().mean(0)).abs().max()) < 1
 
 
-def test_a_run_ends_after_its_images_and_an_interrupted_one_goes_on(options: DeviceOptions, tmp_path: Path) -> None:
+def test_run_that_is_interrupted_goes_on_and_ends_after_its_images(options: DeviceOptions, tmp_path: Path) -> None:
     config = replace(CONFIG, steps=None, images=30 * CONFIG.batch, late_from=0.5, late_points=64, late_target_points=90)
     short = replace(options, stop_after=1e-4, checkpoint_parts=True)
     train_on_device(Path("none"), tmp_path, config, short)
@@ -129,7 +129,7 @@ def test_compared_methods_train_on_the_device(method: str, options: DeviceOption
     assert all(torch.isfinite(weight).all() for weight in network.parameters())
 
 
-def test_every_object_comes_once_per_epoch_and_own_shapes_as_often_as_set(options: DeviceOptions) -> None:
+def test_draws_of_an_epoch_have_every_object_once_and_own_shapes_as_set(options: DeviceOptions) -> None:
     loaded = load_data(Path("none"), CONFIG, options)
     draws = Draws(loaded.train, loaded.grounds, CONFIG)
     count = len(loaded.train.units)
