@@ -11,7 +11,7 @@ from service.runtime.parts import Runtime
 from service.storage.rows import Record
 
 
-async def completed(
+async def complete_record(
     runtime: Runtime, record: Record, image: ImageReport | None = None, *, client: str | None = None
 ) -> tuple[Record, Frame]:
     """Return the record with its frame, and the frame; measure and keep what the record lacks.

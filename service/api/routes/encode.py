@@ -24,7 +24,7 @@ from service.encoding.report import ImageReport
 from service.mapping.box import measure
 from service.mapping.frame import Frame as ObjectFrame
 from service.mapping.spec import Functions
-from service.runtime.frames import completed
+from service.runtime.frames import complete_record
 from service.runtime.parts import Runtime
 from service.storage.ids import encoded_id
 from service.storage.rows import Record
@@ -136,7 +136,7 @@ async def _look_up_or_encode(
     report = ImageReport.of(framed)
     if match is not None:
         record, functions = match
-        record, _ = await completed(runtime, record, report)
+        record, _ = await complete_record(runtime, record, report)
         return framed, record, functions, True
     encoded, box = await _functions(runtime, encoder, framed)
     record = Record(

@@ -20,7 +20,7 @@ from service.formats.weights import Weights, load
 from service.mapping.box import PROBE_POINTS, examine
 from service.mapping.frame import Frame
 from service.runtime.cost import cost_of
-from service.runtime.frames import completed
+from service.runtime.frames import complete_record
 from service.storage.ids import imported_id
 from service.storage.rows import Record
 
@@ -66,7 +66,7 @@ async def import_object(
         with gates.points.admit(PROBE_POINTS * cost, client):
             frame = await while_connected(request, runtime.run(examine, spec, functions))
         record, is_new = await runtime.store.put(_record(weights, frame), functions)
-        record, _ = await completed(runtime, record, client=client)
+        record, _ = await complete_record(runtime, record, client=client)
     answer = StoredObject.of(record, runtime.settings.root_path)
     if is_new:
         response.status_code = 201

@@ -15,7 +15,7 @@ from service.mapping.frame import Frame
 from service.mapping.spec import Functions, MappingSpec
 from service.options import MeshOptions
 from service.runtime.cost import check_cost, cost_of_object
-from service.runtime.frames import completed
+from service.runtime.frames import complete_record
 from service.runtime.shapes import functions_for, mesh_of
 
 router = APIRouter(prefix="/objects", tags=["objects"])
@@ -38,7 +38,7 @@ async def mesh(
     several layers.
     """
     fmt = format_of(request, query.format, MESH_FORMATS)
-    record, frame = await completed(runtime, await runtime.store.record(id_), client=client_of(request.scope))
+    record, frame = await complete_record(runtime, await runtime.store.record(id_), client=client_of(request.scope))
     in_color = query.color == "auto" and fmt.holds_color
     n, cost = 20 * query.resolution**2, cost_of_object(record, in_color=in_color)
     check_cost(n, cost, runtime.settings.max_points, "resolution")

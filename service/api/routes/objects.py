@@ -10,7 +10,7 @@ from service.api.dependencies import ObjectId, ReadyRuntime
 from service.api.queries import NoQuery, PageQuery
 from service.api.responses.errors import OBJECT_NOT_FOUND, OVERLOADED, Problem
 from service.api.responses.objects import ObjectPage, StoredObject
-from service.runtime.frames import completed
+from service.runtime.frames import complete_record
 
 router = APIRouter(prefix="/objects", tags=["objects"])
 
@@ -28,7 +28,7 @@ async def one_object(
     request: Request, id_: ObjectId, query: Annotated[NoQuery, Query()], runtime: ReadyRuntime
 ) -> StoredObject:
     """Return one object."""
-    record, _ = await completed(runtime, await runtime.store.record(id_), client=client_of(request.scope))
+    record, _ = await complete_record(runtime, await runtime.store.record(id_), client=client_of(request.scope))
     return StoredObject.of(record, runtime.settings.root_path)
 
 

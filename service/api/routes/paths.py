@@ -20,7 +20,7 @@ from service.mapping.frame import Frame
 from service.mapping.spec import Functions, MappingSpec
 from service.options import PathOptions
 from service.planning.path import Reason
-from service.runtime.frames import completed
+from service.runtime.frames import complete_record
 from service.runtime.paths import path_cost, path_of
 
 router = APIRouter(prefix="/objects", tags=["objects"])
@@ -82,7 +82,7 @@ async def path(
     fmt = format_of(request, query.format, PATH_FORMATS)
     options = await read_json(request, PathBody, MAX_BODY_BYTES)
     client = client_of(request.scope)
-    record, frame = await completed(runtime, await runtime.store.record(id_), client=client)
+    record, frame = await complete_record(runtime, await runtime.store.record(id_), client=client)
     with runtime.gates.points.admit(path_cost(record.spec, options, runtime.settings.max_points), client):
         _, functions = await runtime.store.get(id_)
         work = runtime.run(_path_file, fmt, record.spec, functions, frame, options)

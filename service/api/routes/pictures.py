@@ -14,7 +14,7 @@ from service.formats.picture import PICTURE_FORMATS, PictureFormat
 from service.mapping.frame import Frame
 from service.mapping.spec import Functions, MappingSpec
 from service.options import PictureOptions
-from service.runtime.frames import completed
+from service.runtime.frames import complete_record
 from service.runtime.pictures import picture_cost, picture_of
 
 router = APIRouter(prefix="/objects", tags=["objects"])
@@ -30,7 +30,7 @@ async def picture(
 ) -> Response:
     """Draw the object: 40,000 of its points over white, in color if the object has colors."""
     fmt = format_of(request, query.format, PICTURE_FORMATS)
-    record, frame = await completed(runtime, await runtime.store.record(id_), client=client_of(request.scope))
+    record, frame = await complete_record(runtime, await runtime.store.record(id_), client=client_of(request.scope))
     answer = FileAnswer(id_, fmt, "picture", fmt.name, query.model_dump(exclude={"format"}), frame, vary="Accept")
     if response := answer.without_file(request):
         return response

@@ -17,7 +17,7 @@ from service.formats.points.registry import POINT_FORMATS, PointFormat
 from service.mapping.canonical import check_range
 from service.mapping.frame import Frame
 from service.runtime.cost import check_cost, check_size, cost_of_object, in_flight
-from service.runtime.frames import completed
+from service.runtime.frames import complete_record
 from service.runtime.shapes import cloud_of
 from service.runtime.streaming import gzipped, stream
 
@@ -44,7 +44,7 @@ async def points(
     fmt, settings = format_of(request, query.format, POINT_FORMATS), runtime.settings
     check_size(fmt, query.n, settings.max_points)
     check_range(query.n, query.seed, query.offset, query.sampling)
-    record, frame = await completed(runtime, await runtime.store.record(id_), client=client_of(request.scope))
+    record, frame = await complete_record(runtime, await runtime.store.record(id_), client=client_of(request.scope))
     in_color = query.color == "auto" and record.color_spec is not None
     cost = cost_of_object(record, in_color=in_color)
     check_cost(query.n, cost, settings.max_points, "n")

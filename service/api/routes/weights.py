@@ -13,7 +13,7 @@ from service.api.routes.file_answers import FileAnswer, file_responses
 from service.formats.weights import WEIGHT_FORMATS, Weights, check_dtype, dump
 from service.mapping.box import PROBE_POINTS
 from service.runtime.cost import cost_of_object
-from service.runtime.frames import completed
+from service.runtime.frames import complete_record
 
 router = APIRouter(prefix="/objects", tags=["objects"])
 
@@ -36,7 +36,7 @@ async def weights(
     the object's points move because of that.
     """
     check_dtype(query.format, query.dtype)
-    record, frame = await completed(runtime, await runtime.store.record(id_), client=client_of(request.scope))
+    record, frame = await complete_record(runtime, await runtime.store.record(id_), client=client_of(request.scope))
     answer = FileAnswer(id_, WEIGHT_FORMATS[query.format], query.format, query.dtype, frame)
     if response := answer.without_file(request):
         return response
