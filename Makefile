@@ -60,6 +60,9 @@ results: .venv/bench.stamp .venv/system.stamp ## build the data set, evaluate th
 	$(BIN)/hof-model surfaces
 	$(BIN)/hof-model results
 
+paper: .venv/dev.stamp ## write PAPER.md from the records of `hof-model paper NAME`
+	$(BIN)/hof-model paper page
+
 # Without a stamp: a machine with a GPU may have torch, but no .venv.
 gpu-check: ## check the device operations and measure training, on a GPU
 	$(or $(wildcard $(BIN)/python),python3) -m model.training.device.check
