@@ -7,7 +7,7 @@ from starlette.requests import Request
 
 from service.errors import NotFound, NotReady
 from service.runtime.parts import Runtime
-from service.storage.ids import ID_DIGITS, is_id
+from service.storage.ids import ID_DIGITS, MAX_QUOTED, is_id
 
 
 async def ready_runtime(request: Request) -> Runtime:  # async: FastAPI would call it on a thread otherwise
@@ -21,7 +21,7 @@ async def ready_runtime(request: Request) -> Runtime:  # async: FastAPI would ca
 async def object_id(id_: Annotated[str, Path(alias="id", description="id of an object")]) -> str:
     """Return the id in the path. Raises NotFound for a malformed one, without a query to the database."""
     if not is_id(id_):
-        raise NotFound(f"no object has the id {id_!r}: ids are {ID_DIGITS} hexadecimal digits")
+        raise NotFound(f"no object has the id {id_[:MAX_QUOTED]!r}: ids are {ID_DIGITS} hexadecimal digits")
     return id_
 
 

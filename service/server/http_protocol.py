@@ -18,7 +18,7 @@ from service.api.middleware.security_headers import SECURE
 from service.api.problems import respond
 from service.errors import HeadTooLarge, HofError, InvalidInput, Stalled
 from service.server.http_head import check_framing, check_host, check_version, combine, without_upgrade
-from service.server.lingering import LingeringTransport, close_later
+from service.server.lingering import LingeringTransport, close_later, droppable
 from service.server.unread_answers import UnreadAnswerTimeout
 
 logger: Final = logging.getLogger("hof.access")
@@ -61,6 +61,7 @@ class LimitedHttpProtocol(UnreadAnswerTimeout):
         self._head_has_begun = False  # the head that the timer waits for has a first byte
         self._head_bytes = 0  # of this request, trailers included
         self._ignores_input = False  # the connection is about to end
+        self._droppable = 0  # bytes that are dropped until then
         self._lingers_until: float | None = None  # loop time at which an answered connection ends
         self._held_bytes = 0  # received, but not yet part of a target, field or body: httptools buffers a field
         self._error: HofError | None = None  # ended the parsing
@@ -81,6 +82,7 @@ class LimitedHttpProtocol(UnreadAnswerTimeout):
     def data_received(self, data: bytes) -> None:
         """Parse the data. Refuse a single field that is larger than a whole head may be."""
         if self._ignores_input:
+            self._drop(len(data))
             return
         self._held_bytes += len(data)
         self._wire_bytes += len(data) if self._is_in_body else 0
@@ -177,9 +179,16 @@ class LimitedHttpProtocol(UnreadAnswerTimeout):
         """Close the connection after its last answer; later if the client still sends."""
         if self._is_in_body:
             self._ignores_input = True
+            self._droppable = droppable(self.headers)
             self.flow.resume_reading()
             close_later(self.transport)
         else:
+            self.transport.close()
+
+    def _drop(self, size: int) -> None:
+        """Count bytes that nobody reads; an answered connection ends when there are too many."""
+        self._droppable -= size
+        if self._droppable < 0 and self.cycle is not None and self.cycle.response_complete:
             self.transport.close()
 
     def _parse(self, data: bytes) -> None:

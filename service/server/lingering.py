@@ -5,10 +5,12 @@ The kernel resets a connection that closes with unread bytes, and the client may
 """
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Final
 
 LINGER_S: Final = 2.0  # for which a client may go on sending
+MAX_DECLARED: Final = 64 * 2**20  # bytes that are dropped of a body that says its length
+MAX_CHUNKED: Final = 2**20  # bytes that are dropped of a body that may have no end
 
 
 class LingeringTransport:
@@ -24,6 +26,12 @@ class LingeringTransport:
         self.write: Final = transport.write
         self.is_closing: Final = transport.is_closing
         self.close: Final = close
+
+
+def droppable(headers: Iterable[tuple[bytes, bytes]]) -> int:
+    """Return how many bytes of a request's body may be dropped after its answer."""
+    length = dict(headers).get(b"content-length", b"")
+    return min(int(length), MAX_DECLARED) if length.isdigit() else MAX_CHUNKED
 
 
 def close_later(transport: asyncio.Transport) -> None:

@@ -10,6 +10,7 @@ from service.encoding.masks import Mask
 from service.mapping.spec import Array, Functions, MappingSpec
 
 ID_DIGITS: Final = 32  # hexadecimal: 128 bits
+MAX_QUOTED: Final = 64  # characters of a malformed id that an error repeats
 
 
 def is_id(text: str) -> bool:

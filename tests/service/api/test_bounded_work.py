@@ -84,7 +84,7 @@ def _probes(url: str) -> Iterator[list[float]]:
 
     def ask() -> None:
         with httpx.Client(base_url=url, timeout=DEADLINE_S) as client:
-            while not ended.wait(0.005):
+            while not seconds or not ended.wait(0.005):
                 start = time.perf_counter()
                 assert client.get("/health/live").status_code == 200
                 seconds.append(time.perf_counter() - start)

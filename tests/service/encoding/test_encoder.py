@@ -96,7 +96,7 @@ COLOR_SPEC = json.loads(tiny_model.COLOR_SPEC.to_json())
             _with("hof.color_spec", {**COLOR_SPEC, "domain": "cube"}),
             "domain is 'cube', it must be that of the points, 'ball'",
         ),
-        (_with("hof.color_spec", COLOR_SPEC), "its output is theta and color, by its graph theta"),
+        (_with("hof.color_spec", COLOR_SPEC), "names the output theta, color, its graph has theta"),
     ],
 )
 def test_open_with_wrong_metadata_raises_invalid_model(tmp_path: Path, meta: dict[str, str], message: str) -> None:
@@ -112,8 +112,8 @@ def test_open_of_a_file_without_format_reads_it(tmp_path: Path) -> None:
     ("wrong", "message"),
     [
         ({"batch": 1}, "has shape"),
-        ({"output": "weights"}, "its output is theta, by its graph weights"),
-        ({"color_spec": tiny_model.COLOR_SPEC, "meta": tiny_model.metadata()}, "theta, by its graph theta, color"),
+        ({"output": "weights"}, "names the output theta, its graph has weights"),
+        ({"color_spec": tiny_model.COLOR_SPEC, "meta": tiny_model.metadata()}, "theta, its graph has theta, color"),
         (
             {"color_spec": tiny_model.COLOR_SPEC, "meta": _with("hof.color_spec", {**COLOR_SPEC, "hidden": [9]})},
             "output 'color' has shape",

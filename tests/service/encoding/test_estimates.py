@@ -39,8 +39,8 @@ def test_estimates_as_text_are_read_back() -> None:
     ("estimates", "declared", "message"),
     [
         (True, "2", r"estimates have version 2, this version of hof reads 1: install a newer hof"),
-        (False, "1", r"its output is theta and shape_confidence and camera, by its graph theta"),
-        (True, None, r"its output is theta, by its graph theta, shape_confidence, camera"),
+        (False, "1", r"names the output theta, shape_confidence, camera, its graph has theta"),
+        (True, None, r"names the output theta, its graph has theta, shape_confidence, camera"),
     ],
 )
 def test_open_of_metadata_that_disagree_with_the_estimates_is_refused(

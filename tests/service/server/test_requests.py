@@ -198,9 +198,7 @@ def test_upload_that_its_client_aborts_is_logged_499(
             f"POST {path} HTTP/1.1\r\nHost: x\r\n".encode() + field + b"\r\n\r\n" + b"5\r\nhello\r\n"[:sent]
         )
         until(lambda: "hof_http_requests_in_flight 2.0" in httpx.get(f"{served.url}/metrics").text)
-    until(lambda: any(entry["method"] == "POST" for entry in logged(folder)[begin:]))
-    entry = next(entry for entry in logged(folder)[begin:] if entry["method"] == "POST")
-    assert entry["status"] == 499
+    until(lambda: any(entry["status"] == 499 for entry in logged(folder)[begin:]))
 
 
 def test_body_with_a_framing_fault_is_logged_400(served: Served, folder: Path) -> None:
