@@ -13,9 +13,9 @@ import pytest
 from service.encoding.encoder import Encoder
 from service.settings import Settings
 from tests.support.photos import disc, image_file
-from tests.support.postgres import Postgres, running_postgres
 from tests.support.server import Server, running
 from tests.support.small import model as tiny_model
+from tests.support.systems.postgres import Postgres, running_postgres
 
 pytest_plugins = ["tests.support.browsing"]
 

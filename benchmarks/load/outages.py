@@ -11,10 +11,10 @@ from benchmarks.targets import Target
 from service.formats.weights import Weights, dump
 from service.mapping.spec import HOF_1, initial_theta
 from service.settings import SHIPPED_MODEL
-from tests.support.postgres import Postgres, running_postgres
-from tests.support.postgres_faults import FAULTS, MAX_CONNECTIONS, Fault
 from tests.support.processes import flags, hof_serve, is_ready
 from tests.support.slow import until
+from tests.support.systems.postgres import Postgres, running_postgres
+from tests.support.systems.postgres_faults import FAULTS, MAX_CONNECTIONS, Fault
 
 TIMEOUT_S: Final = 2.0  # --database-timeout-s
 READY_S: Final = 2.0  # promised: from the fault until the service is unready

@@ -10,7 +10,7 @@ from model.cli.flags import add_flags, values
 from model.config import HeadsConfig
 
 if TYPE_CHECKING:
-    from model.evaluation.observe import KnownObject
+    from model.evaluation.estimates.observe import KnownObject
     from model.networks.observations import Observations
 
 
@@ -64,7 +64,7 @@ def _heads(arguments: argparse.Namespace) -> None:
 
 def _observations(arguments: argparse.Namespace, config: HeadsConfig) -> "Observations":
     """Return the observations in the file that `--observations` names, or else observe the model."""
-    from model.evaluation.observe import observe
+    from model.evaluation.estimates.observe import observe
     from model.networks.observations import Observations
 
     file: Path | None = arguments.observations
@@ -79,7 +79,7 @@ def _observations(arguments: argparse.Namespace, config: HeadsConfig) -> "Observ
 def _known_objects(arguments: argparse.Namespace) -> "list[KnownObject]":
     """Return the objects to learn from: the data set's without its test split, others without the kept-out sources."""
     from model.data.manifest import Manifest
-    from model.evaluation.observe import KnownObject
+    from model.evaluation.estimates.observe import KnownObject
 
     entries = [(arguments.data, entry) for entry in Manifest.read(arguments.data).entries if entry.split != "test"]
     if arguments.others:
@@ -106,7 +106,7 @@ def _training(arguments: argparse.Namespace, observations: "Observations", confi
 
 
 def _estimates(arguments: argparse.Namespace) -> None:
-    from model.evaluation.estimates import measure_estimates
+    from model.evaluation.estimates.trials import measure_estimates
     from model.evaluation.paths import ESTIMATES
     from model.report.estimates import draw_reliability, section
 

@@ -18,7 +18,7 @@ from model.evaluation.comparison import RETRIEVAL
 from model.evaluation.conditions import png
 from model.evaluation.evaluate import PREDICTED_POINTS, VIEWS, Case, Evaluation, cases, draw, in_threads
 from model.evaluation.records import Record
-from model.evaluation.references import Retrieval, Training
+from model.evaluation.references.methods import Retrieval, Training
 from model.provenance import provenance
 from service.encoding.decode import decode
 from service.encoding.encoder import Encoder

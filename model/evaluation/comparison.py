@@ -21,7 +21,7 @@ from model.evaluation.evaluate import (
     measure_objects,
 )
 from model.evaluation.records import Decoder, Record
-from model.evaluation.references import Retrieval, Training, matched_ellipsoid
+from model.evaluation.references.methods import Retrieval, Training, matched_ellipsoid
 from model.evaluation.timing import mapping_decoder, network_decoder
 from model.metrics import compare, floor
 from model.provenance import provenance

@@ -19,8 +19,8 @@ from model.data.manifest import Entry, Split
 from model.evaluation.classes import OTHER, class_of
 from model.evaluation.conditions import png
 from model.evaluation.evaluate import VIEWS, Case, cases, encode_photo
-from model.evaluation.neighbors import Neighbors
-from model.evaluation.references import Training, summed_distance
+from model.evaluation.references.methods import Training, summed_distance
+from model.evaluation.references.neighbors import Neighbors
 from model.provenance import provenance
 from service.drawing.words import rows_of_words, sheet
 from service.encoding.encoder import Encoder

@@ -6,7 +6,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from model.evaluation.estimates import EstimateTrials, Sightings
+from model.evaluation.estimates.trials import EstimateTrials, Sightings
 from model.evaluation.evaluate import VIEWS
 from model.evaluation.paths import ESTIMATES
 from model.networks.observations import SYMMETRIC

@@ -7,8 +7,8 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 from service.formats.precision import Dtype
 from service.formats.weights import WeightFormatName
 from service.mapping.spec import MAX_K
-from service.options import EncodeOptions, MeshOptions, PathOptions, PictureOptions, PointOptions
 from service.runtime.composition import Mode
+from service.runtime.options import EncodeOptions, MeshOptions, PathOptions, PictureOptions, PointOptions
 
 PointFormatName = Literal["ply", "npy", "xyz", "json", "glb", "gltf", "pcd", "f32", "f16"]
 MeshFormatName = Literal["glb", "gltf", "obj", "stl", "ply"]

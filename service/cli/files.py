@@ -28,9 +28,9 @@ from service.mapping.color import ColorSampler
 from service.mapping.frame import Frame
 from service.mapping.sampler import Sampler
 from service.mapping.spec import Functions, MappingSpec, joined
-from service.options import EncodeOptions, MeshOptions, PathOptions, PointOptions
 from service.runtime.composition import Member, check_members
 from service.runtime.cost import check_size
+from service.runtime.options import EncodeOptions, MeshOptions, PathOptions, PointOptions
 from service.runtime.paths import path_of
 from service.runtime.shapes import cloud_of, functions_for, mesh_of
 from service.settings import POINTS_CEILING, Settings

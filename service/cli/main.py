@@ -22,7 +22,7 @@ from service.formats.mesh.registry import MESH_FORMATS
 from service.formats.path import PATH_FORMATS
 from service.formats.points.registry import POINT_FORMATS
 from service.formats.weights import WEIGHT_FORMATS
-from service.options import MeshOptions, PathOptions, PointOptions
+from service.runtime.options import MeshOptions, PathOptions, PointOptions
 from service.settings import Settings
 
 FAILED: Final = 2

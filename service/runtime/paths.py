@@ -6,10 +6,10 @@ from service.errors import InvalidParameter
 from service.mapping.frame import Frame
 from service.mapping.sampler import Sampler
 from service.mapping.spec import Functions, MappingSpec, word_of
-from service.options import PathOptions
 from service.planning.grid import HALF, Floats, Grid
 from service.planning.path import Path, plan, points_for
 from service.runtime.cost import check_cost, cost_of
+from service.runtime.options import PathOptions
 
 ROUNDING = 1e-6  # longest sides: a point on a side of the cube may come out that far outside
 

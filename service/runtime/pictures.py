@@ -8,8 +8,8 @@ import numpy.typing as npt
 from service.drawing.cloud import AZIMUTH_DEG, ELEVATION_DEG, draw
 from service.mapping.frame import Frame
 from service.mapping.spec import Functions, MappingSpec
-from service.options import PictureOptions, PictureView, PointOptions
 from service.runtime.cost import cost_of_object
+from service.runtime.options import PictureOptions, PictureView, PointOptions
 from service.runtime.shapes import cloud_of
 from service.storage.rows import Record
 

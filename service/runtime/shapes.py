@@ -6,7 +6,7 @@ from service.mapping.frame import Frame
 from service.mapping.sampler import Sampler
 from service.mapping.spec import Functions, MappingSpec, word_of
 from service.mapping.surface import Surface, surface_of
-from service.options import ColorChoice, FrameChoice, MeshOptions, PointOptions
+from service.runtime.options import ColorChoice, FrameChoice, MeshOptions, PointOptions
 
 
 def functions_for(functions: Functions, color: ColorChoice, *, holds_color: bool = True) -> Functions:

@@ -9,7 +9,7 @@ import torch
 
 from model import cli
 from model.cli.common import SHIPPED
-from model.evaluation.estimates import EstimateTrials
+from model.evaluation.estimates.trials import EstimateTrials
 from model.evaluation.paths import ESTIMATES
 from model.export import attach, export
 from model.networks.color_head import ColorHead, color_spec, look

@@ -25,7 +25,7 @@ from model.evaluation.comparison import ELLIPSOID, ORACLE, RETRIEVAL
 from model.evaluation.conditions import png
 from model.evaluation.evaluate import PREDICTED_POINTS, VIEWS, Case, cases, draw, encode_photo, in_threads
 from model.evaluation.paper.record import PaperRecord, Trial, rounded
-from model.evaluation.references import Retrieval, Training, matched_ellipsoid
+from model.evaluation.references.methods import Retrieval, Training, matched_ellipsoid
 from model.provenance import provenance
 from model.training.checkpoints import chosen_checkpoint, load_network, predictor
 from service.encoding.encoder import Encoder

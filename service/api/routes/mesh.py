@@ -13,9 +13,9 @@ from service.api.routes.file_answers import NOT_ACCEPTABLE, FileAnswer, file_res
 from service.formats.mesh.registry import MESH_FORMATS, MeshFormat
 from service.mapping.frame import Frame
 from service.mapping.spec import Functions, MappingSpec
-from service.options import MeshOptions
 from service.runtime.cost import check_cost, cost_of_object
 from service.runtime.frames import complete_record
+from service.runtime.options import MeshOptions
 from service.runtime.shapes import functions_for, mesh_of
 
 router = APIRouter(prefix="/objects", tags=["objects"])

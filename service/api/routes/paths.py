@@ -18,9 +18,9 @@ from service.api.wire.json_bodies import read_json
 from service.formats.path import PATH_FORMATS, PathFormat
 from service.mapping.frame import Frame
 from service.mapping.spec import Functions, MappingSpec
-from service.options import PathOptions
 from service.planning.path import Reason
 from service.runtime.frames import complete_record
+from service.runtime.options import PathOptions
 from service.runtime.paths import path_cost, path_of
 
 router = APIRouter(prefix="/objects", tags=["objects"])

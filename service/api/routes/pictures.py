@@ -13,8 +13,8 @@ from service.api.routes.file_answers import NOT_ACCEPTABLE, FileAnswer, file_res
 from service.formats.picture import PICTURE_FORMATS, PictureFormat
 from service.mapping.frame import Frame
 from service.mapping.spec import Functions, MappingSpec
-from service.options import PictureOptions
 from service.runtime.frames import complete_record
+from service.runtime.options import PictureOptions
 from service.runtime.pictures import picture_cost, picture_of
 
 router = APIRouter(prefix="/objects", tags=["objects"])

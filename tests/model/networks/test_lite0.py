@@ -12,7 +12,7 @@ from torch import nn
 
 from model.config import TrainConfig
 from model.data.dataset import Batch
-from model.evaluation.features import _Pooled
+from model.evaluation.references.features import _Pooled
 from model.export import TOLERANCE, export
 from model.networks.color_head import ColorHead, color_spec, look
 from model.networks.encoder import ImageEncoder, _unshuffle

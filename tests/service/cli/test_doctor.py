@@ -12,8 +12,8 @@ import pytest
 
 from service.storage import database
 from tests.support import ROOT
-from tests.support.postgres import Postgres
 from tests.support.processes import HOF, USER_WITHOUT_HOME
+from tests.support.systems.postgres import Postgres
 
 SCHEMAS = ROOT / "tests" / "service" / "storage" / "schemas"
 TIMEOUT_S = 300

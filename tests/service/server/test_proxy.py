@@ -13,11 +13,11 @@ from playwright.sync_api import Browser, Page
 from service.formats.weights import Weights, dump
 from service.mapping.spec import initial_theta
 from tests.support.browsing import opened
-from tests.support.nginx import behind_nginx
 from tests.support.photos import disc, image_file
 from tests.support.processes import hof_serve
 from tests.support.slow import DEADLINE_S, until
 from tests.support.small.model import SPEC
+from tests.support.systems.nginx import behind_nginx
 
 PREFIX = "/tools/hof"
 TRUSTED = ("--trusted-proxies=127.0.0.1", "--log-format=json", "--allowed-hosts=hof.example")

@@ -17,8 +17,8 @@ from service.mapping.spec import HOF_1, Functions, initial_theta
 from service.storage.database import connect
 from service.storage.rows import Record
 from service.storage.sqlite import SQLITE_CONNECTIONS
-from tests.support.postgres import Postgres
 from tests.support.small.store import NOW, open_store
+from tests.support.systems.postgres import Postgres
 
 
 async def _put(url: str, count: int) -> list[bool]:

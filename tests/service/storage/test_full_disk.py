@@ -15,8 +15,8 @@ import pytest
 
 from service.formats.weights import Weights, dump
 from service.mapping.spec import HOF_1, initial_theta
-from tests.support.postgres import Postgres
 from tests.support.processes import Served, hof_serve
+from tests.support.systems.postgres import Postgres
 
 SPEC = HOF_1.with_k(2)
 NAMESPACE = ["unshare", "--mount"] if os.geteuid() == 0 else ["unshare", "--map-root-user", "--mount"]

@@ -13,8 +13,8 @@ from sqlalchemy import Connection, make_url
 from service.errors import UnusableStore
 from service.mapping.spec import MappingSpec, initial_theta
 from service.storage.database import METADATA, connect
-from tests.support.postgres import EVERY_DATABASE, Postgres
 from tests.support.small.store import open_store
+from tests.support.systems.postgres import EVERY_DATABASE, Postgres
 
 pytestmark = EVERY_DATABASE
 

@@ -12,10 +12,10 @@ import pytest
 
 from service.formats.weights import Weights, dump
 from service.mapping.spec import HOF_1, initial_theta
-from tests.support.postgres import USER, Postgres, running_postgres
-from tests.support.postgres_faults import FAULTS, MAX_CONNECTIONS, stopped
 from tests.support.processes import HOF, flags, hof_serve
 from tests.support.slow import until
+from tests.support.systems.postgres import USER, Postgres, running_postgres
+from tests.support.systems.postgres_faults import FAULTS, MAX_CONNECTIONS, stopped
 
 pytestmark = pytest.mark.system
 

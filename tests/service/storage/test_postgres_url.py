@@ -8,7 +8,7 @@ import pytest
 from service.errors import UnusableStore
 from service.storage.database import connect, parse
 from service.storage.postgres_url import PostgresUrl, parse_postgres
-from tests.support.postgres import Postgres, running_postgres
+from tests.support.systems.postgres import Postgres, running_postgres
 
 SECRET = "s3cret"
 

@@ -14,8 +14,8 @@ from service.encoding.estimates import Camera, Estimates
 from service.errors import InvalidParameter, NotFound
 from service.mapping.spec import HOF_1, Functions, initial_theta
 from service.storage.rows import Record
-from tests.support.postgres import EVERY_DATABASE
 from tests.support.small.store import SPEC, THETA, encoded_record, open_store
+from tests.support.systems.postgres import EVERY_DATABASE
 
 pytestmark = EVERY_DATABASE
 

@@ -13,8 +13,8 @@ import pytest
 from service.errors import InUse, NotFound
 from service.mapping.spec import Color, Functions, MappingSpec, initial_theta
 from service.storage.rows import Record
-from tests.support.postgres import EVERY_DATABASE, Postgres
 from tests.support.small.store import NOW, SPEC, THETA, encoded_record, open_store
+from tests.support.systems.postgres import EVERY_DATABASE, Postgres
 
 pytestmark = EVERY_DATABASE
 

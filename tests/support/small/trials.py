@@ -1,6 +1,6 @@
 """Small records of measured surfaces and estimates, for tests of their pages."""
 
-from model.evaluation.estimates import EstimateTrials, Sightings
+from model.evaluation.estimates.trials import EstimateTrials, Sightings
 from model.evaluation.surfaces import CLOUD, SERVED, Trial, Trials
 
 

@@ -14,8 +14,8 @@ from service.formats.weights import Weights, dump, load
 from service.mapping.canonical import canonical_points
 from service.mapping.spec import Array, MappingSpec, initial_theta
 from service.runtime.composition import MAX_WORDS, Member, check_members
-from tests.support.postgres import EVERY_DATABASE
 from tests.support.small.objects import SPEC, encode_discs
+from tests.support.systems.postgres import EVERY_DATABASE
 
 UNKNOWN = "0" * 32
 

@@ -7,7 +7,7 @@ from typing import Final
 
 import asyncpg  # type: ignore[import-untyped]
 
-from tests.support.postgres import USER, Postgres
+from tests.support.systems.postgres import USER, Postgres
 
 MAX_CONNECTIONS: Final = 12  # of a server for these faults: few, because one of them takes all
 TERMINATE: Final = "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE datname = '{name}'"

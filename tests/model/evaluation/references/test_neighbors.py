@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from model.evaluation.neighbors import Neighbors
+from model.evaluation.references.neighbors import Neighbors
 from model.metrics import nearest_distances
 from tests.support.small import data as small_data
 

@@ -16,9 +16,9 @@ import numpy.typing as npt
 from model.data.manifest import Manifest, Split
 from model.data.rendering.render import render_parts
 from model.evaluation.conditions import photographs, png
+from model.evaluation.estimates.observe import SCORE, turned_distances
+from model.evaluation.estimates.strange import motorcycle, noise, part_of, side_by_side
 from model.evaluation.evaluate import VIEWS, Case, cases, draw, in_threads
-from model.evaluation.observe import SCORE, turned_distances
-from model.evaluation.strange import motorcycle, noise, part_of, side_by_side
 from model.metrics import compare
 from model.networks.observations import SYMMETRIC
 from model.provenance import provenance

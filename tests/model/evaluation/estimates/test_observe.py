@@ -7,8 +7,8 @@ import pytest
 from PIL import Image
 
 from model.data.manifest import Manifest
-from model.evaluation.observe import KnownObject, observe, rolled, turned_distances
-from model.evaluation.strange import motorcycle, side_by_side, strange_images
+from model.evaluation.estimates.observe import KnownObject, observe, rolled, turned_distances
+from model.evaluation.estimates.strange import motorcycle, side_by_side, strange_images
 from model.export import export
 from model.networks.encoder import ImageEncoder
 from model.networks.inner import InnerEncoder

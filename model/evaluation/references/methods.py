@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from model.data.manifest import COLORS, Entry, Manifest
-from model.evaluation.features import FRAMING, Features, training_bank
+from model.evaluation.references.features import FRAMING, Features, training_bank
 from model.metrics import nearest_distances
 from service.encoding.framing import preprocess
 

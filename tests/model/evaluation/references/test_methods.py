@@ -7,8 +7,8 @@ import pytest
 
 from model.data.manifest import Manifest
 from model.evaluation.conditions import png
-from model.evaluation.features import WIDTH, Features, training_bank
-from model.evaluation.references import Retrieval, Training, matched_ellipsoid
+from model.evaluation.references.features import WIDTH, Features, training_bank
+from model.evaluation.references.methods import Retrieval, Training, matched_ellipsoid
 from model.metrics import compare
 from tests.support.small import data as small_data
 

@@ -24,8 +24,8 @@ from model.data.dataset import MIRROR, VISIBLE
 from model.data.manifest import Entry, variant_file
 from model.data.rendering.cameras import RING_DISTANCE
 from model.data.sources.photographs import photograph_files
+from model.evaluation.estimates.strange import side_by_side, strange_images
 from model.evaluation.evaluate import draw
-from model.evaluation.strange import side_by_side, strange_images
 from model.metrics import compare
 from model.networks.inner import InnerEncoder
 from model.networks.observations import TURNS_DEG, Observations

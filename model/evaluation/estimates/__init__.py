@@ -1,0 +1,1 @@
+"""The estimates of an encoder, confidence and camera, observed and measured."""

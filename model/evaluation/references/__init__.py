@@ -1,0 +1,1 @@
+"""Methods that the model is compared with, and what they need."""
