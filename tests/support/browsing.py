@@ -4,6 +4,7 @@ import io
 import re
 import shutil
 import subprocess
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from playwright.sync_api import Browser, ConsoleMessage, Page, expect, sync_play
 from service.settings import SHIPPED_MODEL, Settings
 from tests.support import ROOT
 from tests.support.server import running
+from tests.support.slow import DEADLINE_S
 
 PICTURES = ROOT / "out" / "viewer"
 WEBGL = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
@@ -84,7 +86,16 @@ def photo(name: str) -> Path:
 
 
 def pixels(page: Page) -> np.ndarray[tuple[int, ...], np.dtype[np.int16]]:
-    """Return the picture on the stage, once it is drawn: (height, width, 3)."""
+    """Return the picture on the stage, once it is drawn and rests: (height, width, 3)."""
+    picture = _captured(page)
+    deadline = time.monotonic() + DEADLINE_S
+    while not np.array_equal(after := _captured(page), picture):
+        assert time.monotonic() < deadline
+        picture = after
+    return picture
+
+
+def _captured(page: Page) -> np.ndarray[tuple[int, ...], np.dtype[np.int16]]:
     page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
     image = Image.open(io.BytesIO(page.locator("#stage canvas").screenshot()))
     return np.asarray(image.convert("RGB")).astype(np.int16)
@@ -92,7 +103,7 @@ def pixels(page: Page) -> np.ndarray[tuple[int, ...], np.dtype[np.int16]]:
 
 def inked(page: Page) -> int:
     """Return the number of pixels of the stage that show points."""
-    return int((255 - pixels(page).min(axis=2) > INK).sum())
+    return int((255 - _captured(page).min(axis=2) > INK).sum())
 
 
 def warm(page: Page) -> int:
