@@ -14,7 +14,7 @@ from service.files import whole_file
 Split = Literal["train", "val", "test"]
 SPLITS: Final[tuple[Split, ...]] = ("train", "val", "test")
 SHARES: Final = (0.8, 0.1, 0.1)
-SIZE: Final = 128  # pixels per side of a rendered view
+SIZE: Final = 192  # pixels per side of a rendered view
 VARIANTS: Final = "variants"  # folder that `hof-model data vary` writes, in the data set's folder
 PIECES: Final = "made"  # folder that `hof-model data make` writes
 COLORS: Final = "colours"  # name of the points' colors in an object's file
