@@ -15,7 +15,7 @@ from torch import Tensor
 
 from model.config import TrainConfig
 from model.data.augment import ANY_LIGHT, Light, augment, oversize
-from model.data.manifest import COLORS, Entry, Manifest, Split, piece_files, variant_files
+from model.data.manifest import COLORS, Entry, Manifest, Split, piece_entries, piece_files, variant_files
 from model.data.packed.shards import OWN
 from model.data.sources.photographs import photograph_files
 from service.encoding.framing import Framing, frame
@@ -25,7 +25,8 @@ Bytes = npt.NDArray[np.uint8]
 Floats = npt.NDArray[np.float32]
 
 VISIBLE: Final = 0.005  # least share of a view's pixels: a flat object seen from its edge is left out
-PIECES_PER_DRAW: Final = 20  # pieces that share one object's turn: 9,000 pieces fill four tenths of the batches
+PIECES_PER_DRAW: Final = 20  # pieces by rule that share one object's turn: 9,000 fill four tenths of the batches
+MESHES_PER_DRAW: Final = 4  # pieces of meshes that do: each is a design of its own
 MIRROR: Final = np.array([-1, 1, 1], np.float32)  # left and right exchanged, object frame
 
 
@@ -51,7 +52,7 @@ class Examples:
     shapes : per object the object itself; with variants also the object under free cameras and, in the training
         split, its stretched and warped copies.
     photographs : files for backgrounds.
-    pieces : procedural pieces in groups of PIECES_PER_DRAW; a group is drawn as often as an object.
+    pieces : procedural pieces in groups; a group is drawn as often as an object.
     """
 
     entries: list[Entry]
@@ -82,11 +83,28 @@ def load_examples(
     files = [[folder / entry.file, *(variant_files(folder, entry) if variants else [])] for entry in entries]
     if variants and split == "train" and not any(len(of_object) > OWN for of_object in files):
         raise FileNotFoundError(f"{folder} holds no stretched shapes: run `hof-model data vary --data {folder}` first")
-    paths = piece_files(folder) if pieces else []
-    files += [paths[start : start + PIECES_PER_DRAW] for start in range(0, len(paths), PIECES_PER_DRAW)]
+    files += piece_groups(folder) if pieces else []
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         shapes = list(threads.map(lambda paths: [_load_shape(path, large) for path in paths], files))
     return Examples(entries, shapes[: len(entries)], photograph_files(folder), shapes[len(entries) :])
+
+
+def piece_groups(folder: Path) -> list[list[Path]]:
+    """Return the pieces that are drawn as one object: PIECES_PER_DRAW made by rule, or MESHES_PER_DRAW of meshes.
+
+    Raises
+    ------
+    FileNotFoundError : the data set has no pieces.
+    """
+    of_meshes = {folder / entry.file for entry in piece_entries(folder)}
+    files = piece_files(folder)
+    groups = []
+    for paths, size in (
+        ([path for path in files if path not in of_meshes], PIECES_PER_DRAW),
+        ([path for path in files if path in of_meshes], MESHES_PER_DRAW),
+    ):
+        groups += [paths[start : start + size] for start in range(0, len(paths), size)]
+    return groups
 
 
 def _load_shape(path: Path, framing: Framing) -> Shape:

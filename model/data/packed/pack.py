@@ -15,8 +15,8 @@ from PIL import Image
 from tqdm import tqdm
 
 from model.data.augment import oversize
-from model.data.dataset import PIECES_PER_DRAW, VISIBLE
-from model.data.manifest import COLORS, Manifest, piece_files, variant_files
+from model.data.dataset import VISIBLE, piece_groups
+from model.data.manifest import COLORS, Manifest, variant_files
 from model.data.packed.options import PackOptions
 from model.data.packed.photographs import pack_photographs
 from model.data.packed.shards import (
@@ -95,10 +95,10 @@ def _jobs(folder: Path, options: PackOptions, prefixed: bool) -> Iterator[_Job]:
             limits = (0, 0) if number < OWN else (options.variant_views, options.variant_points)
             row = Row(prefix + entry.id, entry.id, entry.source, entry.split, number, (), 0, colored=False)
             yield _Job(path, row, large, quality, *limits)
-    for number, path in enumerate(piece_files(folder) if options.made else []):
-        unit = f"{prefix}{MADE_SOURCE}/{number // PIECES_PER_DRAW}"
-        row = Row(unit, path.stem, MADE_SOURCE, "train", OWN, (), 0, colored=False)
-        yield _Job(path, row, large, quality, options.made_views, options.made_points)
+    for number, group in enumerate(piece_groups(folder) if options.made else []):
+        for path in group:
+            row = Row(f"{prefix}{MADE_SOURCE}/{number}", path.stem, MADE_SOURCE, "train", OWN, (), 0, colored=False)
+            yield _Job(path, row, large, quality, options.made_views, options.made_points)
 
 
 def _finished(shards: list[Path], jobs: list[_Job], options: PackOptions) -> int:

@@ -1,7 +1,7 @@
 """Pieces made from a folder of meshes, for training only; near-duplicates are left out."""
 
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -34,21 +34,26 @@ class MeshPieceJob:
 def make_from_meshes(records: Iterable[MeshRecord], folder: Path, views: int, processes: int) -> Manifest:
     """Write the missing pieces of the records to the data set `folder`, and then remove those that repeat another.
 
-    Pieces are compared within their category, as `build` compares objects; the first id stays. Return the manifest of
-    the pieces of all meshes, stored beside them.
+    Pieces are compared within their category, as `build` compares objects; the first id stays. Pieces that repeat an
+    object of the data set's validation or test split are removed too. Return the manifest of the pieces of all meshes,
+    stored beside them.
 
     Raises
     ------
     FileNotFoundError : `folder` holds no finished data set.
     """
-    seed, pieces = Manifest.read(folder).seed, folder / PIECES
+    objects, pieces = Manifest.read(folder), folder / PIECES
+    seed, held_out = (
+        objects.seed,
+        {entry.id: folder / entry.file for entry in objects.entries if entry.split != "train"},
+    )
     pieces.mkdir(exist_ok=True)
     earlier = Manifest.read(pieces) if (pieces / "manifest.json").is_file() else Manifest(seed, (), {}, {})
     jobs = [MeshPieceJob(record, pieces / Path(object_file(record.id)).name, seed, views) for record in records]
     missing = [job for job in jobs if job.record.id not in earlier.duplicates and not job.target.exists()]
     report = run_with_report(render_mesh_piece, missing, lambda job: job.record.id, processes, "make", "piece")
     jobs = [job for job in jobs if job.target.exists()]
-    repeats = earlier.duplicates | _repeats(jobs)
+    repeats = earlier.duplicates | _repeats(jobs, held_out)
     entries = {entry.id: entry for entry in earlier.entries}
     for job in jobs:
         if job.record.id in repeats:
@@ -61,14 +66,15 @@ def make_from_meshes(records: Iterable[MeshRecord], folder: Path, views: int, pr
     return manifest
 
 
-def _repeats(jobs: Iterable[MeshPieceJob]) -> dict[str, str]:
-    """Return the pieces that repeat another one of their category: id left out -> id kept."""
+def _repeats(jobs: Iterable[MeshPieceJob], held_out: Mapping[str, Path]) -> dict[str, str]:
+    """Return the pieces that repeat a held-out object or another piece of their category: id left out -> id kept."""
+    kept = {id_: _points(file) for id_, file in held_out.items()}
     by_category: dict[str, dict[str, Path]] = defaultdict(dict)
     for job in jobs:
         by_category[job.record.category][job.record.id] = job.target
     repeats: dict[str, str] = {}
     for targets in tqdm(by_category.values(), desc="compare", unit="category"):
-        repeats |= duplicates({id_: _points(target) for id_, target in targets.items()})
+        repeats |= duplicates(kept | {id_: _points(target) for id_, target in targets.items()}, first=kept)
     return repeats
 
 

@@ -11,6 +11,7 @@ from model.config import TrainConfig
 from model.data.build import build
 from model.data.dataset import load_examples
 from model.data.manifest import SIZE, Manifest, piece_entries
+from model.data.procedural.from_meshes import make_from_meshes
 from model.data.rendering.render import SURFACE_POINTS
 from model.data.sources.meshes import folder_records
 from tests.support.small.shapes import solid, write_folder
@@ -55,6 +56,19 @@ def test_make_with_meshes_adds_each_shape_once(tmp_path: Path, capsys: pytest.Ca
     assert cli.main([*make, "--processes", "1"]) == 0
     assert sorted((data / "made").glob("*.npz")) == files
     assert files[0].stat().st_mtime_ns == written
+
+
+def test_make_with_a_mesh_of_the_test_split_leaves_it_out(tmp_path: Path) -> None:
+    records = list(folder_records(write_folder(tmp_path / "others"), "CC0"))[:4]
+    build(records, tmp_path / "set", seed=0, processes=1, split="test")
+    meshes = tmp_path / "meshes"
+    meshes.mkdir()
+    for index in (1, 2):
+        solid(index).export(meshes / f"{index}.glb")
+    made = make_from_meshes(folder_records(meshes, "CC0"), tmp_path / "set", VIEWS, processes=1)
+    assert made.duplicates == {"meshes/1": "others/boxes/shape01"}
+    assert [entry.id for entry in made.entries] == ["meshes/2"]
+    assert not (tmp_path / "set" / "made" / "meshes__1.npz").exists()
 
 
 def test_make_pieces_and_meshes_at_once_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
