@@ -5,13 +5,20 @@ from typing import Any, Final
 from service.api.problems import problem_type
 
 PARAMETERS: Final[dict[str, Any]] = {
+    "azimuth": 30,
     "background": "auto",
     "color": "auto",
     "cursor": "NTE",
+    "cx": 320,
+    "cy": 240,
+    "distance": 3,
     "dtype": "float16",
+    "elevation": 20,
     "foreground_ratio": 0.85,
     "format": None,  # each call has formats of its own: the first is shown
     "frame": "object",
+    "fx": 620,
+    "fy": 620,
     "id": "2f7f3b52a9a1c0de9b1d1c4d5e6f7a8b",
     "include": "weights",
     "limit": 50,
@@ -20,6 +27,7 @@ PARAMETERS: Final[dict[str, Any]] = {
     "name": "hof1-k2",
     "offset": 0,
     "resolution": 64,
+    "roll": 0,
     "sampling": "sobol",
     "scale": 0.8,
     "seed": 7,

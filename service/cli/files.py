@@ -13,6 +13,7 @@ from pydantic import BaseModel, ValidationError
 
 from service.drawing.words import MAX_POINTS, Cell, label, rows_of_words, sheet
 from service.encoding.encoder import Encoder
+from service.encoding.estimates import Estimates
 from service.encoding.framing import preprocess
 from service.encoding.matting import Matting
 from service.encoding.report import ImageReport
@@ -32,6 +33,7 @@ from service.runtime.composition import Member, check_members
 from service.runtime.cost import check_size
 from service.runtime.options import EncodeOptions, MeshOptions, PathOptions, PointOptions
 from service.runtime.paths import path_of
+from service.runtime.poses import pose_of, view_of
 from service.runtime.shapes import cloud_of, functions_for, mesh_of
 from service.settings import POINTS_CEILING, Settings
 
@@ -69,7 +71,9 @@ def encode(arguments: argparse.Namespace) -> None:
         _write(arguments.output, [dump(weights, "safetensors")])
         result = f"weights of {encoder.name}"
     else:
-        result = f"{_write_points(arguments, encoder.spec, functions, frame)} points"
+        report = ImageReport.of(framed)
+        count = _write_points(arguments, encoder.spec, functions, frame, functions.estimates, report)
+        result = f"{count} points"
     hint = "; no matting model is set (--matting-model)" if framed.mask == "none" and matting is None else ""
     lines = [f"{_name(arguments.photo)}: {ImageReport.of(framed)}{hint}", f"{_name(arguments.output)}: {result}"]
     if functions.estimates:
@@ -90,7 +94,9 @@ def mesh(arguments: argparse.Namespace) -> None:
     options = _options(arguments, MeshOptions)
     weights = _load(arguments.weights)
     functions = functions_for(weights.functions, options.color, holds_color=fmt.holds_color)
-    _write(arguments.output, [fmt.dump(mesh_of(weights.spec, functions, _frame(weights), options))])
+    view, frame = view_of(options, None, None), _frame(weights)
+    pose = pose_of(view, weights.spec, functions, frame) if view else None
+    _write(arguments.output, [fmt.dump(mesh_of(weights.spec, functions, frame, options, pose))])
 
 
 def path(arguments: argparse.Namespace) -> None:
@@ -201,11 +207,26 @@ def _format(arguments: argparse.Namespace, formats: Mapping[str, Format]) -> For
     return suffixes[suffix]
 
 
-def _write_points(arguments: argparse.Namespace, spec: MappingSpec, functions: Functions, frame: Frame) -> int:
-    """Write the points, and return their number."""
+def _write_points(
+    arguments: argparse.Namespace,
+    spec: MappingSpec,
+    functions: Functions,
+    frame: Frame,
+    estimates: Estimates | None = None,
+    photo: ImageReport | None = None,
+) -> int:
+    """Write the points, and return their number.
+
+    Parameters
+    ----------
+    estimates, photo : of the object, if there are any; for points in the camera's frame.
+    """
     fmt, options = _point_options(arguments)
-    cloud = cloud_of(spec, functions, frame, options)
-    _write(arguments.output, write(fmt.holding(color=cloud.functions.color is not None), cloud))
+    view = view_of(options, estimates, photo)
+    pose = pose_of(view, spec, functions, frame) if view else None
+    cloud = cloud_of(spec, functions, frame, options, pose)
+    fmt = fmt.holding(color=cloud.functions.color is not None, camera=pose is not None)
+    _write(arguments.output, write(fmt, cloud))
     return options.n
 
 
@@ -214,6 +235,8 @@ def _write_sheet(arguments: argparse.Namespace, spec: MappingSpec, letters: Sequ
     options = _options(arguments, PointOptions)
     if options.n > MAX_POINTS:
         raise InvalidParameter(f"n is {options.n}; a picture shows at most {MAX_POINTS} points per word", field="n")
+    if options.frame == "camera":
+        raise InvalidParameter("a picture has a camera of its own: use --frame object or raw", field="frame")
     if options.scale != 1:
         raise InvalidParameter(f"scale is {options.scale:g}; a picture has no scale, leave it out", field="scale")
 

@@ -22,7 +22,7 @@ from service.formats.mesh.registry import MESH_FORMATS
 from service.formats.path import PATH_FORMATS
 from service.formats.points.registry import POINT_FORMATS
 from service.formats.weights import WEIGHT_FORMATS
-from service.runtime.options import MeshOptions, PathOptions, PointOptions
+from service.runtime.options import CameraOptions, MeshOptions, PathOptions, PointOptions
 from service.settings import Settings
 
 FAILED: Final = 2
@@ -123,7 +123,7 @@ def _add_commands(stages: "argparse._SubParsersAction[argparse.ArgumentParser]")
     mesh = stages.add_parser("mesh", help="turn a weights file into a surface", description=files.mesh.__doc__)
     mesh.add_argument("weights", type=Path, help="a .safetensors file of `hof encode` or of the service; - for stdin")
     _add_output(mesh, [fmt.extension for fmt in MESH_FORMATS.values()])
-    _add_fields(mesh, MeshOptions, ["resolution", "scale", "frame", "color"])
+    _add_fields(mesh, MeshOptions, ["resolution", "scale", "frame", "color", *CameraOptions.model_fields])
     mesh.set_defaults(run=files.mesh)
 
     _add_path(stages.add_parser("path", help="plan a path around an object", description=files.path.__doc__))
@@ -175,15 +175,14 @@ def _add_output(parser: argparse.ArgumentParser, suffixes: list[str]) -> None:
 
 
 def _add_sampling(parser: argparse.ArgumentParser) -> None:
-    _add_fields(parser, PointOptions, ["n", "seed", "scale", "frame", "sampling", "color"])
+    _add_fields(parser, PointOptions, ["n", "seed", "scale", "frame", "sampling", "color", *CameraOptions.model_fields])
 
 
 def _add_fields(parser: argparse.ArgumentParser, model: type[BaseModel], names: Sequence[str]) -> None:
     for name in names:
         field = model.model_fields[name]
-        parser.add_argument(
-            f"--{name}", default=argparse.SUPPRESS, help=f"{field.description}; default: {field.default}"
-        )
+        default = "" if field.default is None else f"; default: {field.default}"
+        parser.add_argument(f"--{name}", default=argparse.SUPPRESS, help=f"{field.description}{default}")
 
 
 def _serve(arguments: argparse.Namespace) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from service.mapping.canonical import Sampling, check_range
 from service.mapping.color import ColorSampler
 from service.mapping.frame import Frame
+from service.mapping.pose import Pose
 from service.mapping.sampler import CHUNK, Sampler
 from service.mapping.spec import Array, Colors, Functions, MappingSpec, word_of
 
@@ -28,6 +29,7 @@ class Cloud:
     spec, functions : the object.
     n, seed, offset, scale, sampling : as in `Sampler.points`.
     frame : as in `Sampler`.
+    pose : the object before a camera, for points in the camera's frame; None for points in `frame`.
 
     Raises
     ------
@@ -42,6 +44,7 @@ class Cloud:
     scale: float = 1.0
     sampling: Sampling = "uniform"
     frame: Frame | None = None
+    pose: Pose | None = None
 
     def __post_init__(self) -> None:
         check_range(self.n, self.seed, self.offset, self.sampling)
@@ -69,7 +72,8 @@ class Cloud:
         """Compute the points of a part, (count, 3) float32, in the frame and times `scale` (paper, eq. 4)."""
         start, count = part
         offset = self.offset + start
-        return self.sampler.points(count, seed=self.seed, offset=offset, scale=self.scale, sampling=self.sampling)
+        points = self.sampler.points(count, seed=self.seed, offset=offset, scale=self.scale, sampling=self.sampling)
+        return self.pose.place(points, self.scale) if self.pose else points
 
     def colors(self, part: Part) -> Colors:
         """Compute the colors of a part's points, (count, 3) uint8, sRGB."""

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.mapping.color import ColorSampler
+from service.mapping.pose import CAMERA_AXES, OBJECT_AXES, Pose
 from service.mapping.sampler import Sampler
 from service.mapping.spec import Array, Colors, Domain
 
@@ -33,16 +34,23 @@ MOST_STRETCH: Final = 6.0  # growth of a triangle's area, in medians of all; cho
 class Surface:
     """A triangle mesh.
 
-    vertices : (v, 3) float32, object frame.
+    vertices : (v, 3) float32, in the frame whose axes `axes` tells.
     triangles : (t, 3) uint32, three vertices each, counter-clockwise seen from outside.
     normals : (v, 3) float32, of length 1.
     colors : (v, 3) uint8, sRGB; None if the object has no color.
+    axes : directions of the axes in words, for the heads of files.
     """
 
     vertices: Array
     triangles: Indices
     normals: Array
     colors: Colors | None = None
+    axes: str = OBJECT_AXES
+
+    def seen(self, pose: Pose, scale: float) -> "Surface":
+        """Return the surface in a camera's frame; `scale` is that of its vertices."""
+        vertices, normals = pose.place(self.vertices, scale), pose.turn(self.normals)
+        return Surface(vertices, self.triangles, normals, self.colors, CAMERA_AXES)
 
 
 def surface_of(

@@ -13,9 +13,11 @@ from service.settings import POINTS_CEILING
 
 ColorChoice = Literal["auto", "none"]
 FrameChoice = Literal["object", "raw"]
+ShapeFrame = Literal["object", "raw", "camera"]
 PictureView = Literal["three-quarter", "front", "side", "back", "top"]
 
 MAX_SEED: Final = 2**63 - 1
+DISTANCES: Final = (0.9, 1000.0)  # longest sides: from just outside any object
 
 Scale = Annotated[
     float,
@@ -33,8 +35,58 @@ ChosenFrame = Annotated[
         "long; `raw` gives the function's own numbers times `scale`",
     ),
 ]
+ChosenShapeFrame = Annotated[
+    ShapeFrame,
+    Field(
+        description="`object` centers the box of the whole object at the origin and makes its longest side `scale` "
+        "long; `raw` gives the function's own numbers times `scale`; `camera` is that of the camera that took the "
+        "photo (x right, y down, z forward, as in OpenCV), in the unit of `scale`: it needs an object with a `camera`, "
+        "or the parameters of one",
+    ),
+]
 Coordinate = Annotated[float, Field(allow_inf_nan=False)]
 Point = tuple[Coordinate, Coordinate, Coordinate]
+
+
+class CameraOptions(BaseModel):
+    """The camera of `frame=camera`. What is not given is that of the object, if it has a camera."""
+
+    azimuth: float | None = Field(
+        default=None,
+        ge=-360,
+        le=360,
+        description="for `frame=camera`: degrees of the camera from the front (+Z) toward +X; by default the object's "
+        "own `camera`, as for the next three",
+    )
+    elevation: float | None = Field(
+        default=None, ge=-90, le=90, description="for `frame=camera`: degrees above the object's horizontal plane"
+    )
+    distance: float | None = Field(
+        default=None,
+        ge=DISTANCES[0],
+        le=DISTANCES[1],
+        description="for `frame=camera`: from the object's center, in its longest sides; by default, with `fx`, as the "
+        "object's size in the photo tells",
+    )
+    roll: float | None = Field(
+        default=None, ge=-360, le=360, description="for `frame=camera`: degrees that the camera is turned clockwise"
+    )
+    fx: float | None = Field(
+        default=None,
+        gt=0,
+        le=1e6,
+        description="for `frame=camera`: focal length in pixels of the upright photo; by default that with which the "
+        "object, at the distance of the camera, fills its box in the photo",
+    )
+    fy: float | None = Field(default=None, gt=0, le=1e6, description="the same, down; by default `fx`")
+    cx: float | None = Field(
+        default=None,
+        ge=-1e6,
+        le=1e6,
+        description="for `frame=camera`, with `fx`: the pixel at which the camera looks, from the photo's left; by "
+        "default its middle",
+    )
+    cy: float | None = Field(default=None, ge=-1e6, le=1e6, description="the same, from the top; by default the middle")
 
 
 class EncodeOptions(BaseModel):
@@ -55,7 +107,7 @@ class EncodeOptions(BaseModel):
     )
 
 
-class PointOptions(BaseModel):
+class PointOptions(CameraOptions):
     """The points of an object to compute."""
 
     n: int = Field(default=10_000, ge=1, le=POINTS_CEILING, description="number of points; JSON holds at most 100,000")
@@ -67,7 +119,7 @@ class PointOptions(BaseModel):
         description="points to skip: n=10&offset=90 gives the last ten of n=100 of the same seed",
     )
     scale: Scale = 1.0
-    frame: ChosenFrame = "object"
+    frame: ChosenShapeFrame = "object"
     sampling: Sampling = Field(
         default="uniform",
         description="`uniform` draws independent points; `sobol` covers the object more evenly, for offset + n up to "
@@ -80,7 +132,7 @@ class PointOptions(BaseModel):
     )
 
 
-class MeshOptions(BaseModel):
+class MeshOptions(CameraOptions):
     """Resolution, scale and colors of an object's surface."""
 
     resolution: int = Field(
@@ -90,7 +142,7 @@ class MeshOptions(BaseModel):
         description="makes 20 resolution^2 triangles; those that the function tears apart are left out",
     )
     scale: Scale = 1.0
-    frame: ChosenFrame = "object"
+    frame: ChosenShapeFrame = "object"
     color: ColorChoice = Field(
         default="auto",
         description="`auto` writes the vertices' colors if the object has them and the format holds them: `glb`, "

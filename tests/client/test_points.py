@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hof_client import AsyncClient, Client, InvalidParameter, StoredObject, Truncated, UnexpectedAnswer
+from hof_client import AsyncClient, Client, InvalidParameter, StoredObject, Truncated, UnexpectedAnswer, Viewpoint
 from hof_client.bodies import ColoredArrays, PointArray
 from service.formats.points import ply
 from tests.support.photos import disc, image_file
@@ -35,6 +35,17 @@ def test_points_equal_the_bytes_that_the_service_sends(
     query = {"n": N, "seed": 3, "scale": 2.5, "sampling": "sobol", "frame": "raw", "format": "f32"}
     assert points.tobytes() == _file(colored_server, disc_object.id, **query)
     assert (points.shape, points.dtype.name, points.flags.writeable) == ((N, 3), "float32", True)
+
+
+def test_points_in_the_camera_frame_take_the_viewpoint(
+    hof: Client, colored_server: Server, disc_object: StoredObject
+) -> None:
+    viewpoint = Viewpoint(azimuth=30, elevation=20, fx=500, cy=40)
+    points = hof.points(disc_object.id, N, frame="camera", viewpoint=viewpoint)
+    query = {"n": N, "frame": "camera", "azimuth": 30, "elevation": 20, "fx": 500, "cy": 40, "format": "f32"}
+    assert points.tobytes() == _file(colored_server, disc_object.id, **query)
+    with pytest.raises(InvalidParameter, match="give azimuth, elevation, distance"):
+        hof.points(disc_object.id, N, frame="camera")
 
 
 def test_points_of_the_client_are_prefix_stable(hof: Client, disc_object: StoredObject) -> None:

@@ -21,6 +21,7 @@ from hof_client.answers import (
 )
 from hof_client.async_client import AsyncClient
 from hof_client.bodies import ColoredPoints
+from hof_client.calls.shapes import Viewpoint
 from hof_client.client import Client
 from hof_client.problems import (
     ConnectionFailed,
@@ -104,5 +105,6 @@ __all__ = [
     "Unreachable",
     "UnsupportedMedia",
     "UnsupportedVersion",
+    "Viewpoint",
     "__version__",
 ]

@@ -4,14 +4,10 @@ A vertex's color follows its position: red, green, blue in [0, 1], sRGB. That is
 MeshLab, Blender, three.js and trimesh read and other programs skip.
 """
 
-from typing import Final
-
 import numpy as np
 
 from service.formats import text
 from service.mapping.surface import Surface
-
-_HEADER: Final = b"# +Y is up, the front faces +Z\n"
 
 
 def dump(surface: Surface) -> bytes:
@@ -23,7 +19,7 @@ def dump(surface: Surface) -> bytes:
     corners = np.repeat(surface.triangles + 1, 2, axis=1)  # v//vn: a vertex and its normal have the same number
     return b"".join(
         [
-            _HEADER,
+            f"# {surface.axes}\n".encode("ascii"),
             text.rows(vertex, vertices),
             text.rows("vn %.6g %.6g %.6g\n", surface.normals),
             text.rows("f %d//%d %d//%d %d//%d\n", corners),

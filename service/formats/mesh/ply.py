@@ -14,7 +14,7 @@ from service.mapping.surface import Surface
 _HEADER: Final = """\
 ply
 format binary_little_endian 1.0
-comment +Y is up, the front faces +Z
+comment {axes}
 element vertex {vertices}
 property float x
 property float y
@@ -37,5 +37,5 @@ def dump(surface: Surface) -> bytes:
     color, vertices = "", raw.float32(numbers)
     if surface.colors is not None:
         color, vertices = ply.COLOR, raw.interleaved(numbers, surface.colors)
-    header = _HEADER.format(vertices=len(numbers), color=color, triangles=len(faces))
+    header = _HEADER.format(axes=surface.axes, vertices=len(numbers), color=color, triangles=len(faces))
     return header.encode("ascii") + vertices + faces.tobytes()

@@ -15,7 +15,7 @@ class MeshFormat:
     name : value of the query parameter `format`.
     media_type : value of Content-Type and Accept.
     extension : of the file's name, with its dot.
-    dump : surface -> the whole file, in the object frame even where other programs expect another.
+    dump : surface -> the whole file, in the surface's frame even where other programs expect another.
     holds_color : the file contains the vertices' colors.
     """
 

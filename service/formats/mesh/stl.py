@@ -7,7 +7,7 @@ import numpy as np
 
 from service.mapping.surface import Surface, cross_products
 
-_HEADER: Final = b"hof: +Y is up, the front faces +Z"  # must not begin with "solid": that marks text files
+_HEADER: Final = "hof: {axes}"  # must not begin with "solid": that marks text files
 _TRIANGLE: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
@@ -17,4 +17,4 @@ def dump(surface: Surface) -> bytes:
     records = np.zeros(len(surface.triangles), _TRIANGLE)
     records["normal"] = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(np.float64).tiny)
     records["corners"] = surface.vertices[surface.triangles]
-    return struct.pack("<80sI", _HEADER, len(records)) + records.tobytes()
+    return struct.pack("<80sI", _HEADER.format(axes=surface.axes).encode("ascii"), len(records)) + records.tobytes()

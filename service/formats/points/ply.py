@@ -1,12 +1,13 @@
 """PLY, binary little endian: three float32 per vertex, and red, green, blue if points have colors."""
 
 from service.formats import raw
+from service.mapping.pose import CAMERA_AXES, OBJECT_AXES
 from service.mapping.spec import Array, Colors
 
 _HEADER = """\
 ply
 format binary_little_endian 1.0
-comment +Y is up, the front faces +Z
+comment {axes}
 element vertex {n}
 property float x
 property float y
@@ -20,9 +21,10 @@ property uchar blue
 """
 
 
-def head(n: int, bounds: tuple[Array, Array] | None = None, *, colored: bool = False) -> bytes:
-    """Return the bytes before the points; PLY needs no bounds."""
-    return _HEADER.format(n=n, color=COLOR if colored else "").encode("ascii")
+def head(n: int, bounds: tuple[Array, Array] | None = None, *, colored: bool = False, camera: bool = False) -> bytes:
+    """Return the bytes before the points, which are in the frame of a camera or of the object; no bounds needed."""
+    axes = CAMERA_AXES if camera else OBJECT_AXES
+    return _HEADER.format(n=n, axes=axes, color=COLOR if colored else "").encode("ascii")
 
 
 def colored_body(points: Array, colors: Colors) -> bytes:
@@ -30,6 +32,6 @@ def colored_body(points: Array, colors: Colors) -> bytes:
     return raw.interleaved(points, colors)
 
 
-def length(n: int, *, colored: bool = False) -> int:
+def length(n: int, *, colored: bool = False, camera: bool = False) -> int:
     """Return the size of the whole file in bytes."""
-    return len(head(n, colored=colored)) + (15 if colored else 12) * n
+    return len(head(n, colored=colored, camera=camera)) + (15 if colored else 12) * n

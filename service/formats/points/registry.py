@@ -49,6 +49,7 @@ class PointFormat:
     separator : the bytes between one part and the next.
     is_text : gzip shrinks the file to less than half; binary formats hardly shrink.
     colored : the variant with a color for each point; None if the format has no colors.
+    in_camera_frame : the variant for points in a camera's frame; None if the file does not tell its axes.
     """
 
     name: str
@@ -63,10 +64,12 @@ class PointFormat:
     separator: bytes = b""
     is_text: bool = False
     colored: "PointFormat | None" = None
+    in_camera_frame: "PointFormat | None" = None
 
-    def holding(self, *, color: bool) -> "PointFormat":
-        """Return the colored variant if `color` is true and there is one, else this format."""
-        return self.colored or self if color else self
+    def holding(self, *, color: bool, camera: bool = False) -> "PointFormat":
+        """Return the variant for points with a color, or in a camera's frame; this format if there is none."""
+        fmt = self.colored or self if color else self
+        return fmt.in_camera_frame or fmt if camera else fmt
 
     def check_count(self, n: int) -> None:
         """Raise InvalidParameter unless the format can hold n points."""
@@ -86,13 +89,17 @@ def _colored_points(write: Callable[[Array, Colors], bytes]) -> tuple[bytes, Bod
     return b"", lambda source, part: write(source.points(part), source.colors(part))
 
 
-_PLY = PointFormat("ply", "model/ply", ".ply", ply.head, (_points(raw.float32),), length=ply.length)
-_COLORED_PLY = replace(
-    _PLY,
-    head=partial(ply.head, colored=True),
-    passes=(_colored_points(ply.colored_body),),
-    length=partial(ply.length, colored=True),
-)
+def _ply(*, colored: bool, camera: bool = False) -> PointFormat:
+    """Return a variant of PLY; those in the object frame know theirs in a camera's frame."""
+    passes = (_colored_points(ply.colored_body) if colored else _points(raw.float32),)
+    head, length = (
+        partial(ply.head, colored=colored, camera=camera),
+        partial(ply.length, colored=colored, camera=camera),
+    )
+    other = None if camera else _ply(colored=colored, camera=True)
+    return PointFormat("ply", "model/ply", ".ply", head, passes, length=length, in_camera_frame=other)
+
+
 _NPY = PointFormat("npy", "application/x-npy", ".npy", npy.head, (_points(raw.float32),), length=npy.length)
 _XYZ = PointFormat("xyz", "text/plain", ".xyz", xyz.head, (_points(xyz.body),), is_text=True)
 _JSON = PointFormat(
@@ -158,7 +165,7 @@ _F16 = PointFormat("f16", "application/octet-stream", ".f16", raw.head, (_points
 POINT_FORMATS: Final[Mapping[str, PointFormat]] = {
     fmt.name: fmt
     for fmt in (
-        replace(_PLY, colored=_COLORED_PLY),
+        replace(_ply(colored=False), colored=_ply(colored=True)),
         _NPY,
         _XYZ,
         replace(_JSON, colored=_COLORED_JSON),

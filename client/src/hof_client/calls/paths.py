@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from hof_client.answers import PlannedPath
 from hof_client.bodies import Whole, json_reader
-from hof_client.calls.shapes import Frame
 from hof_client.request import Call, Request
 
 Point = Sequence[float] | NDArray[np.floating[Any]]  # x, y, z
 PathFormat = Literal["json", "glb"]
+PathFrame = Literal["object", "raw"]
 
 
 def path(
@@ -24,7 +24,7 @@ def path(
     cells: int = 32,
     clearance: float = 0.0,
     scale: float = 1.0,
-    frame: Frame = "object",
+    frame: PathFrame = "object",
 ) -> Call[PlannedPath]:
     """Plan a path around an object; if there is none, the answer's `path` is None, and `reason` says why.
 
@@ -52,7 +52,7 @@ def path_file(
     cells: int = 32,
     clearance: float = 0.0,
     scale: float = 1.0,
-    frame: Frame = "object",
+    frame: PathFrame = "object",
 ) -> Call[bytes]:
     """Return the file of a path; `glb` has it as lines, and raises InvalidParameter if there is none. See `path`."""
     return Call(
@@ -68,7 +68,7 @@ def _request(
     cells: int,
     clearance: float,
     scale: float,
-    frame: Frame,
+    frame: PathFrame,
     media_type: str = "application/json",
 ) -> Request:
     ends = {"start": [float(each) for each in start], "goal": [float(each) for each in goal]}

@@ -1,6 +1,7 @@
 """Calls for an object's shape: points as arrays or files, surfaces, pictures, weights."""
 
 import io
+from dataclasses import asdict, dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -18,13 +19,39 @@ PictureFormat = Literal["png", "webp"]
 PictureView = Literal["three-quarter", "front", "side", "back", "top"]
 WeightFormat = Literal["safetensors", "npy", "json", "onnx"]
 WeightType = Literal["float32", "float16", "int8"]
-Frame = Literal["object", "raw"]
+Frame = Literal["object", "raw", "camera"]
 Sampling = Literal["uniform", "sobol"]
 Color = Literal["auto", "none"]
 Precision = Literal["float32", "float16"]
 
 RAW = {"float32": ("f32", "<f4"), "float16": ("f16", "<f2")}  # format of the service, type of NumPy
 BYTES = "application/octet-stream"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Viewpoint:
+    """The camera of `frame="camera"`. What is None is that of the object, if it has a camera.
+
+    Attributes
+    ----------
+    azimuth, elevation, roll : degrees, as in `Camera`.
+    distance : from the object's center, in its longest sides; by default, with `fx`, as its size in the photo tells.
+    fx, fy : focal lengths in pixels of the upright photo; by default those with which the object, at the distance of
+        the camera, fills its box in the photo.
+    cx, cy : pixel at which the camera looks; by default the middle of the photo.
+    """
+
+    azimuth: float | None = None
+    elevation: float | None = None
+    distance: float | None = None
+    roll: float | None = None
+    fx: float | None = None
+    fy: float | None = None
+    cx: float | None = None
+    cy: float | None = None
+
+
+OWN = Viewpoint()
 
 
 def points(
@@ -35,6 +62,7 @@ def points(
     offset: int = 0,
     scale: float = 1.0,
     frame: Frame = "object",
+    viewpoint: Viewpoint = OWN,
     sampling: Sampling = "uniform",
     precision: Precision = "float32",
 ) -> Call[NDArray[np.floating[Any]]]:
@@ -47,7 +75,9 @@ def points(
     n : 1 to 10,000,000.
     offset : points to skip: continues where an earlier call stopped.
     scale : length of the longest side of the whole object's box, for example in meters.
-    frame : `object`, or `raw` for the function's own numbers times `scale`.
+    frame : `object`; `raw` for the function's own numbers times `scale`; `camera` for that of the photo's camera,
+        x right, y down, z forward.
+    viewpoint : the camera of `frame="camera"`; by default the object's own.
     sampling : `uniform` draws independent points, `sobol` covers the object more evenly.
     precision : `float16` halves the bytes and keeps 3 digits.
 
@@ -56,7 +86,7 @@ def points(
     NotFound, InvalidParameter : see `hof_client.problems`.
     Truncated : the answer broke off, repeats included.
     """
-    request, dtype = _raw(object_id, n, precision, seed, offset, scale, frame, sampling)
+    request, dtype = _raw(object_id, n, precision, seed, offset, scale, frame, viewpoint, sampling)
     return Call(request, lambda _: PointArray(n, dtype))
 
 
@@ -68,6 +98,7 @@ def iter_points(
     offset: int = 0,
     scale: float = 1.0,
     frame: Frame = "object",
+    viewpoint: Viewpoint = OWN,
     sampling: Sampling = "uniform",
     precision: Precision = "float32",
 ) -> Stream[NDArray[np.floating[Any]]]:
@@ -75,7 +106,7 @@ def iter_points(
 
     Nothing is repeated once points have come. After `Truncated`, `offset` takes up where the iteration stopped.
     """
-    request, dtype = _raw(object_id, n, precision, seed, offset, scale, frame, sampling)
+    request, dtype = _raw(object_id, n, precision, seed, offset, scale, frame, viewpoint, sampling)
     return Stream(request, lambda: PointChunks(n, dtype))
 
 
@@ -87,10 +118,11 @@ def colored_points(
     offset: int = 0,
     scale: float = 1.0,
     frame: Frame = "object",
+    viewpoint: Viewpoint = OWN,
     sampling: Sampling = "uniform",
 ) -> Call[ColoredPoints]:
     """Return n points of an object and their colors. Parameters and errors as in `points`."""
-    query = _query(n, seed, offset, scale, frame, sampling) | {"format": "ply"}
+    query = _query(n, seed, offset, scale, frame, viewpoint, sampling) | {"format": "ply"}
     request = Request("GET", "/objects/{id}/points", {"id": object_id}, query, media_type="model/ply")
     return Call(request, lambda _: ColoredArrays(n))
 
@@ -104,6 +136,7 @@ def save_points(
     offset: int = 0,
     scale: float = 1.0,
     frame: Frame = "object",
+    viewpoint: Viewpoint = OWN,
     sampling: Sampling = "uniform",
     color: Color = "auto",
     format: PointFormat | None = None,  # noqa: A002 - the name in the API
@@ -116,7 +149,7 @@ def save_points(
     name = format or Path(path).suffix.removeprefix(".")
     if name not in get_args(PointFormat):
         raise ValueError(f"{name!r} of {path} is no format of points: give one of {', '.join(get_args(PointFormat))}")
-    query = _query(n, seed, offset, scale, frame, sampling) | {"color": color, "format": name}
+    query = _query(n, seed, offset, scale, frame, viewpoint, sampling) | {"color": color, "format": name}
     request = Request("GET", "/objects/{id}/points", {"id": object_id}, query, media_type="")
     return Call(request, lambda _: ToFile(Path(path)))
 
@@ -128,10 +161,12 @@ def mesh(
     resolution: int = 64,
     scale: float = 1.0,
     frame: Frame = "object",
+    viewpoint: Viewpoint = OWN,
     color: Color = "auto",
 ) -> Call[bytes]:
     """Return the file of an object's surface, of at most 20 resolution^2 triangles. Raises NotFound."""
     query = {"format": format, "resolution": resolution, "scale": scale, "frame": frame, "color": color}
+    query |= asdict(viewpoint)
     request = Request("GET", "/objects/{id}/mesh", {"id": object_id}, query, media_type="")
     return Call(request, lambda _: Whole(bytes))
 
@@ -172,15 +207,26 @@ def theta(object_id: str) -> Call[Array]:
 
 
 def _raw(
-    object_id: str, n: int, precision: Precision, seed: int, offset: int, scale: float, frame: Frame, sampling: Sampling
+    object_id: str,
+    n: int,
+    precision: Precision,
+    seed: int,
+    offset: int,
+    scale: float,
+    frame: Frame,
+    viewpoint: Viewpoint,
+    sampling: Sampling,
 ) -> tuple[Request, str]:
     """Return the request for bare coordinates, and their type."""
     if n < 1:
         raise ValueError(f"n is {n}: it must be at least 1")
     format_, dtype = RAW[precision]
-    query = _query(n, seed, offset, scale, frame, sampling) | {"format": format_}
+    query = _query(n, seed, offset, scale, frame, viewpoint, sampling) | {"format": format_}
     return Request("GET", "/objects/{id}/points", {"id": object_id}, query, media_type=BYTES), dtype
 
 
-def _query(n: int, seed: int, offset: int, scale: float, frame: Frame, sampling: Sampling) -> dict[str, Value]:
-    return {"n": n, "seed": seed, "offset": offset, "scale": scale, "frame": frame, "sampling": sampling}
+def _query(
+    n: int, seed: int, offset: int, scale: float, frame: Frame, viewpoint: Viewpoint, sampling: Sampling
+) -> dict[str, Value]:
+    query = {"n": n, "seed": seed, "offset": offset, "scale": scale, "frame": frame, "sampling": sampling}
+    return query | asdict(viewpoint)

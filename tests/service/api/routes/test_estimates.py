@@ -1,5 +1,6 @@
 """Shape confidence and camera in the answers, over a real socket."""
 
+import io
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,8 +11,9 @@ import pytest
 
 from service.encoding.encoder import Encoder
 from service.encoding.framing import preprocess
+from service.mapping.spec import Array
 from service.settings import Settings
-from tests.support.server import running
+from tests.support.server import check_refused, running
 from tests.support.small import model as tiny_model
 
 
@@ -70,3 +72,76 @@ def test_infer_gives_the_estimates_as_outputs(estimating: httpx.Client) -> None:
     assert (outputs["shape_confidence"]["shape"], outputs["camera"]["shape"]) == ([2, 1], [2, 4])
     assert outputs["shape_confidence"]["data"] == pytest.approx(image[:, 0].mean(axis=(1, 2)), abs=1e-5)
     assert outputs["camera"]["data"][0] == pytest.approx(90 * image[0, 2].mean(), abs=1e-3)
+
+
+def _points(client: httpx.Client, path: str, query: str) -> Array:
+    answer = client.get(f"{path}?format=npy&n=3000&sampling=sobol{query}")
+    assert answer.status_code == 200
+    array: Array = np.load(io.BytesIO(answer.content))
+    return array
+
+
+def test_points_in_the_camera_frame_lie_in_the_box_of_the_photo(estimating: httpx.Client, photo: bytes) -> None:
+    item = estimating.post("/encode", content=photo).json()
+    image = item["image"]
+    seen = _points(estimating, item["links"]["points"], "&frame=camera&fx=500&scale=0.4")
+    assert (seen[:, 2] > 0).all()
+    pixels = seen[:, :2] / seen[:, 2:] * 500 + (image["width"] / 2, image["height"] / 2)
+    low, high = pixels.min(axis=0), pixels.max(axis=0)
+    left, top, right, bottom = image["box"]
+    assert (low + high) / 2 == pytest.approx([(left + right) / 2, (top + bottom) / 2], abs=1)
+    assert max(high - low) == pytest.approx(max(right - left, bottom - top), rel=0.02)
+
+
+def test_points_in_the_camera_frame_are_those_of_the_object_frame_moved(estimating: httpx.Client, photo: bytes) -> None:
+    item = estimating.post("/encode", content=photo).json()
+    plain = _points(estimating, item["links"]["points"], "")
+    seen = _points(estimating, item["links"]["points"], "&frame=camera")
+    assert np.linalg.norm(seen.mean(axis=0)) == pytest.approx(item["camera"]["distance"], rel=0.2)
+    steps, moved = (np.linalg.norm(np.diff(points, axis=0), axis=1) for points in (plain, seen))
+    np.testing.assert_allclose(moved, steps, atol=1e-5)
+    turned = _points(estimating, item["links"]["points"], "&frame=camera&azimuth=120")
+    assert np.abs(turned - seen).max() > 0.1
+
+
+def test_files_in_the_camera_frame_tell_its_axes(estimating: httpx.Client, photo: bytes) -> None:
+    links = estimating.post("/encode", content=photo).json()["links"]
+    for path, query in ((links["points"], "n=10&format=ply"), (links["mesh"], "format=ply&resolution=8")):
+        plain, seen = (estimating.get(f"{path}?{query}&frame={frame}") for frame in ("object", "camera"))
+        assert b"+Y is up" in plain.content
+        assert b"+Y is down, +Z is forward" in seen.content
+        assert int(seen.headers["content-length"]) == len(seen.content)
+        tag = seen.headers["etag"]
+        assert tag != plain.headers["etag"]
+        assert estimating.get(f"{path}?{query}&frame=camera&roll=10").headers["etag"] != tag
+        assert estimating.get(f"{path}?{query}&frame=camera", headers={"If-None-Match": tag}).status_code == 304
+
+
+@pytest.mark.parametrize(
+    ("query", "field", "message"),
+    [
+        ("frame=camera", "azimuth", "give azimuth, elevation, distance"),
+        ("frame=camera&azimuth=10&elevation=10", "distance", "give azimuth, elevation, distance"),
+        ("azimuth=10", "azimuth", "needs frame=camera"),
+        ("frame=camera&azimuth=10&elevation=10&distance=3&cx=10", "cx", "needs fx"),
+        ("frame=camera&azimuth=10&elevation=91&distance=3", "elevation", "90"),
+        ("frame=camera&azimuth=10&elevation=10&distance=0.5", "distance", "0.9"),
+        ("frame=camera&azimuth=nan&elevation=10&distance=3", "azimuth", "360"),
+        ("frame=camera&azimuth=10&elevation=10&fx=0", "fx", "greater than 0"),
+    ],
+)
+def test_camera_frame_without_a_whole_camera_is_refused(
+    client: httpx.Client, photo: bytes, query: str, field: str, message: str
+) -> None:
+    links = client.post("/encode", content=photo).json()["links"]
+    check_refused(client.get(f"{links['points']}?{query}"), field, message)
+    check_refused(client.get(f"{links['mesh']}?{query}"), field, message)
+
+
+def test_camera_frame_of_an_object_without_a_photo_looks_at_its_center(client: httpx.Client, photo: bytes) -> None:
+    links = client.post("/encode", content=photo).json()["links"]
+    imported = client.post("/objects", content=client.get(links["weights"]).content).json()["links"]
+    camera = "&frame=camera&azimuth=10&elevation=10&distance=3"
+    seen = _points(client, imported["points"], camera)
+    assert seen.mean(axis=0) == pytest.approx([0, 0, 3], abs=0.3)
+    check_refused(client.get(f"{imported['points']}?{camera[1:]}&fx=500"), "fx", "needs a photo")
