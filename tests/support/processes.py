@@ -53,7 +53,12 @@ def hof(threads: int, **settings: object) -> list[str]:
 
 @contextmanager
 def hof_serve(
-    folder: Path, model: Path = SHIPPED_MODEL, *flags: str, prefix: Sequence[str] = (), **environment: str
+    folder: Path,
+    model: Path = SHIPPED_MODEL,
+    *flags: str,
+    prefix: Sequence[str] = (),
+    command: Sequence[str] = (HOF,),
+    **environment: str,
 ) -> Iterator[Served]:
     """Run `hof serve` on a free port with its database at folder/hof.db and its log at folder/log; end it at last.
 
@@ -62,13 +67,14 @@ def hof_serve(
     Parameters
     ----------
     prefix : a command that runs another, before `hof serve`.
+    command : what runs instead of `hof`.
 
     """
     log = folder / "log"
-    command = [*prefix, HOF, "serve", "--port=0", f"--model={model}", "--threads=1"]
-    command += [f"--database-url=sqlite:///{folder / 'hof.db'}", *flags]
+    line = [*prefix, *command, "serve", "--port=0", f"--model={model}", "--threads=1"]
+    line += [f"--database-url=sqlite:///{folder / 'hof.db'}", *flags]
     settings = {"HOF_DRAIN_S": "0", **environment}
-    with log.open("wb") as file, _running(command, settings, stderr=file, cwd=folder) as process:
+    with log.open("wb") as file, _running(line, settings, stderr=file, cwd=folder) as process:
         deadline = time.monotonic() + START_TIMEOUT_S
         while "startup complete" not in (text := log.read_text()) or "running on" not in text:
             assert process.poll() is None, text
