@@ -7,6 +7,7 @@ from typing import Final
 from model.cli.common import ROOT, SHIPPED, SPLITS, add_data, add_seed
 
 PATHS: Final = "paths"
+VIEWS: Final = "views"
 PAGE: Final = "page"
 
 
@@ -19,9 +20,7 @@ def add_stage(stages: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     _add_out(page)
     paths = experiments.add_parser(PATHS, help="collision-free paths, planned on predictions, checked on the truth")
     paths.set_defaults(run=_paths)
-    add_data(paths)
-    add_seed(paths)
-    paths.add_argument("--model", type=Path, default=SHIPPED, help="exported encoder; default: the shipped one")
+    _add_measured(paths)
     paths.add_argument(
         "--run",
         type=Path,
@@ -30,8 +29,18 @@ def add_stage(stages: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
         dest="folders",
         help="a run of `hof-model train` to measure, too; repeat for several",
     )
-    paths.add_argument("--split", choices=SPLITS, default="test", help="split to measure on; default: test")
-    _add_out(paths)
+    views = experiments.add_parser(VIEWS, help="several views of one object, aggregated into one shape")
+    views.set_defaults(run=_views)
+    _add_measured(views)
+
+
+def _add_measured(stage: argparse.ArgumentParser) -> None:
+    """Add the flags of an experiment that measures an encoder on a split."""
+    add_data(stage)
+    add_seed(stage)
+    stage.add_argument("--model", type=Path, default=SHIPPED, help="exported encoder; default: the shipped one")
+    stage.add_argument("--split", choices=SPLITS, default="test", help="split to measure on; default: test")
+    _add_out(stage)
 
 
 def _add_out(stage: argparse.ArgumentParser) -> None:
@@ -51,5 +60,14 @@ def _paths(arguments: argparse.Namespace) -> None:
     from model.report.paper.page import record_path, write
 
     record = measure_paths(arguments.model, arguments.data, arguments.split, arguments.seed, tuple(arguments.folders))
+    record.write(record_path(arguments.out, EXPERIMENT))
+    print(write(arguments.out))
+
+
+def _views(arguments: argparse.Namespace) -> None:
+    from model.evaluation.paper.views import EXPERIMENT, measure_views
+    from model.report.paper.page import record_path, write
+
+    record = measure_views(arguments.model, arguments.data, arguments.split, arguments.seed)
     record.write(record_path(arguments.out, EXPERIMENT))
     print(write(arguments.out))

@@ -6,12 +6,16 @@ from typing import Final
 
 from model.evaluation.paper.navigation import EXPERIMENT as PATHS
 from model.evaluation.paper.record import PaperRecord
+from model.evaluation.paper.views import EXPERIMENT as VIEWS
 from model.evaluation.paths import PAPER
-from model.report.paper import navigation
+from model.report.paper import navigation, views
 from service.files import whole_file
 
 PAGE: Final = "PAPER.md"
-SECTIONS: Final[Mapping[str, Callable[[PaperRecord], str]]] = {PATHS: navigation.section}  # by experiment, in order
+SECTIONS: Final[Mapping[str, Callable[[PaperRecord], str]]] = {  # by experiment, in order
+    PATHS: navigation.section,
+    VIEWS: views.section,
+}
 
 HEAD: Final = """# The paper's experiments on our data
 
