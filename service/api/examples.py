@@ -21,6 +21,7 @@ PARAMETERS: Final[dict[str, Any]] = {
     "fy": 620,
     "id": "2f7f3b52a9a1c0de9b1d1c4d5e6f7a8b",
     "include": "weights",
+    "keep_photo": True,
     "limit": 50,
     "model": "hof1-k2",
     "n": 20_000,

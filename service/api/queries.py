@@ -4,6 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
+from service.api.wire.labels import MAX_LABEL, clean_label
 from service.formats.precision import Dtype
 from service.formats.weights import WeightFormatName
 from service.mapping.spec import MAX_K
@@ -28,8 +29,31 @@ class EncodeQuery(EncodeOptions, NoQuery):
     """Parameters of `POST /encode`."""
 
     store: bool = Field(default=True, description="keep the object; `false` returns its weights and keeps nothing")
+    keep_photo: bool = Field(
+        default=False,
+        description="keep a small picture of the photo's object, without what was taken for its background, for "
+        "`/objects/{id}/photo`; the photo itself is never kept",
+    )
     include: Literal["weights"] | None = Field(default=None, description="add `weights` to the answer")
     model: ModelName = None
+
+
+class Label(NoQuery):
+    """Body of `PATCH /objects/{id}`: the label to set."""
+
+    model_config = ConfigDict(strict=True)
+
+    label: str | None = Field(
+        max_length=4 * MAX_LABEL,
+        description=f"name of the object, one line of at most {MAX_LABEL} characters, not counting spaces around it; "
+        "null or an empty text removes it",
+        examples=["Desk chair"],
+    )
+
+    @field_validator("label")
+    @classmethod
+    def _clean(cls, value: str | None) -> str | None:
+        return clean_label(value or "")
 
 
 class ModelQuery(NoQuery):

@@ -15,6 +15,7 @@ from PIL import Image
 from service.encoding.decode import DEFAULT_MAX_PIXELS, check_stop, decode_with_size
 from service.encoding.masks import ALPHA_FLOOR, Mask, Matte, MattingFunction, matte_of
 from service.encoding.pixels import WORK_SIDE, reduction
+from service.encoding.thumbnail import THUMBNAIL_SIDE, thumbnail_file
 from service.errors import InvalidParameter, NoObjectFound
 
 Background = Literal["auto", "keep", "remove"]
@@ -49,12 +50,14 @@ class Crop(NamedTuple):
     box : left, top, right, bottom of the object, pixels of the photo.
     confidence : mean of the matte, weighted by itself: 1 if every pixel is either object or background, less
         for each pixel in between. None without a mask.
+    thumbnail : the same square at THUMBNAIL_SIDE, if asked for.
     """
 
     rgba: Image.Image
     mask: Mask
     box: Box
     confidence: float | None
+    thumbnail: Image.Image | None = None
 
 
 @dataclass(frozen=True)
@@ -66,6 +69,7 @@ class Framed:
     box : left, top, right, bottom of the object, pixels of the upright image.
     confidence : confidence of the mask, as in `Crop`.
     width, height : size of the upright image, pixels.
+    thumbnail : a small picture of the object, a file; None unless asked for.
     """
 
     tensor: npt.NDArray[np.float32]
@@ -74,12 +78,18 @@ class Framed:
     confidence: float | None
     width: int
     height: int
+    thumbnail: bytes | None = None
 
 
 def frame(
-    image: Image.Image, framing: Framing, background: Background = "auto", matting: MattingFunction | None = None
+    image: Image.Image,
+    framing: Framing,
+    background: Background = "auto",
+    matting: MattingFunction | None = None,
+    *,
+    thumbnail: bool = False,
 ) -> Crop:
-    """Crop a square around the object and resize it.
+    """Crop a square around the object and resize it, with a thumbnail of it if asked for.
 
     Raises
     ------
@@ -92,8 +102,9 @@ def frame(
     if matte is None:
         if background == "remove":
             raise InvalidParameter(NO_MASK, field="background")
-        whole = (0, 0, *work.size)
-        return Crop(_crop(work.convert("RGBA"), whole, 1.0, framing.size), mask, (0, 0, *image.size), None)
+        rgba, whole = work.convert("RGBA"), (0, 0, *work.size)
+        small = _crop(rgba, whole, 1.0, THUMBNAIL_SIDE) if thumbnail else None
+        return Crop(_crop(rgba, whole, 1.0, framing.size), mask, (0, 0, *image.size), None, small)
     box = _foreground_box(matte, MATTING_FLOOR if mask == "matting" else ALPHA_FLOOR)
     confidence = _confidence(matte)
     if mask == "matting" and confidence < MIN_CONFIDENCE:
@@ -101,9 +112,10 @@ def frame(
     rgba = work.convert("RGBA")
     rgba.putalpha(Image.fromarray(matte))
     crop = _crop(rgba, box, framing.foreground_ratio, framing.size)
+    small = _crop(rgba, box, framing.foreground_ratio, THUMBNAIL_SIDE) if thumbnail else None
     width, height = image.size
     left, top, right, bottom = (factor * edge for edge in box)
-    return Crop(crop, mask, (left, top, min(right, width), min(bottom, height)), confidence)
+    return Crop(crop, mask, (left, top, min(right, width), min(bottom, height)), confidence, small)
 
 
 def preprocess(
@@ -113,18 +125,21 @@ def preprocess(
     max_pixels: int = DEFAULT_MAX_PIXELS,
     matting: MattingFunction | None = None,
     stop: threading.Event | None = None,
+    *,
+    thumbnail: bool = False,
 ) -> Framed:
-    """Turn the bytes of a photo into the encoder's input.
+    """Turn the bytes of a photo into the encoder's input, with a thumbnail if asked for.
 
     Raises as `decode` and `frame` do, and concurrent.futures.CancelledError if `stop` is set meanwhile.
     """
     image, (width, height) = decode_with_size(data, max_pixels, stop)
     check_stop(stop)
-    crop = frame(image, framing, background, matting)
+    crop = frame(image, framing, background, matting, thumbnail=thumbnail)
     x, y = width / image.width, height / image.height  # above 1 for a JPEG decoded at reduced size
     left, top, right, bottom = crop.box
     box = (round(left * x), round(top * y), round(right * x), round(bottom * y))
-    return Framed(over_white(crop.rgba), crop.mask, box, crop.confidence, width, height)
+    small = thumbnail_file(crop.thumbnail) if crop.thumbnail else None
+    return Framed(over_white(crop.rgba), crop.mask, box, crop.confidence, width, height, small)
 
 
 def over_white(rgba: Image.Image) -> npt.NDArray[np.float32]:

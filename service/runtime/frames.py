@@ -1,24 +1,26 @@
-"""Frames of objects that an older version of hof stored: measured when such an object is first read, then kept."""
+"""Completion of stored objects: the frame that an older version of hof did not measure, and details of their photo."""
 
 from dataclasses import replace
+from typing import Final
 
-from service.encoding.report import ImageReport
 from service.errors import StoreFull
 from service.mapping.box import PROBE_POINTS, measure
 from service.mapping.frame import Frame
 from service.runtime.cost import cost_of
 from service.runtime.parts import Runtime
-from service.storage.rows import Record
+from service.storage.rows import Details, Record
+
+NO_DETAILS: Final = Details()
 
 
 async def complete_record(
-    runtime: Runtime, record: Record, image: ImageReport | None = None, *, client: str | None = None
+    runtime: Runtime, record: Record, details: Details = NO_DETAILS, *, client: str | None = None
 ) -> tuple[Record, Frame]:
     """Return the record with its frame, and the frame; measure and keep what the record lacks.
 
     Parameters
     ----------
-    image : report on the object's photo, if the caller has it.
+    details : of the object's photo, if the caller has it.
     client : address that the measuring counts for: see `Gate`.
 
     Raises
@@ -27,7 +29,8 @@ async def complete_record(
     Overloaded : more points are computed than the service allows.
     CorruptWeights : the function's values exceed float32.
     """
-    if record.frame and (record.image or not image):
+    missing = details.missing_in(record)
+    if record.frame and not missing:
         return record, record.frame
     frame = record.frame
     if frame is None:
@@ -35,7 +38,7 @@ async def complete_record(
             _, functions = await runtime.store.get(record.id)
             frame = await runtime.run(measure, record.spec, functions.theta)
     try:
-        record = await runtime.store.complete(record.id, frame, image)
+        record = await runtime.store.complete(record.id, frame, missing)
     except StoreFull:  # measured again next time
         record = replace(record, frame=frame)
     return record, record.frame or frame

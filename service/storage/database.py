@@ -53,6 +53,8 @@ objects: Final = Table(
     Column("frame", LargeBinary, nullable=True),  # NULL until an object of an older version is first read
     Column("image", Text, nullable=True),  # NULL without a photo, or if an older version read it
     Column("estimates", Text, nullable=True),  # NULL without a photo, or if its model makes none
+    Column("label", Text, nullable=True),  # NULL without a label
+    Column("photo", LargeBinary, nullable=True),  # a thumbnail; NULL unless a client asked to keep one
     sqlite_autoincrement=True,  # never reuses the seq of a deleted object: cursors stay valid
 )
 # One row per object of a word. Its foreign keys stop the deletion of a used object, and words over deleted objects.

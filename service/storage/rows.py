@@ -1,6 +1,6 @@
 """Rows of the table of objects: write a record and its functions, read them back."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
@@ -17,7 +17,11 @@ from service.storage.database import objects, uses
 
 Kind = Literal["encoded", "imported", "composed", "interpolated"]
 
-HEADER: Final = [column for column in objects.columns if column.name not in ("theta", "color")]
+HEADER: Final = [
+    *(column for column in objects.columns if column.name not in ("theta", "color", "photo")),
+    objects.c.photo.is_not(None).label("has_photo"),
+]
+WHOLE: Final = [*HEADER, objects.c.theta, objects.c.color]
 
 
 @dataclass(frozen=True)
@@ -32,6 +36,8 @@ class Record:
     frame : its box; None if an older version of hof stored it and nobody has read it since.
     image : report on the photo it was encoded from; None if there was none, or if an older version stored it.
     estimates : of the encoder; None if it makes none, or if the object was not encoded from a photo.
+    label : the name that people gave it; None without one.
+    has_photo : whether a thumbnail of its photo is kept.
     """
 
     id: str
@@ -44,15 +50,44 @@ class Record:
     frame: Frame | None = None
     image: ImageReport | None = None
     estimates: Estimates | None = None
+    label: str | None = None
+    has_photo: bool = False
 
 
-def insert_all(connection: Connection, pairs: Sequence[tuple[Record, Functions | None]]) -> None:
-    """Insert objects and, of composed ones, the uses of their members."""
+@dataclass(frozen=True)
+class Details:
+    """Details of an object that come with its photo, and that a stored object may lack.
+
+    image : report on the photo.
+    label : name of the object.
+    photo : thumbnail of the photo, a file.
+    """
+
+    image: ImageReport | None = None
+    label: str | None = None
+    photo: bytes | None = None
+
+    def missing_in(self, record: Record) -> dict[str, Any]:
+        """Return the details that a record lacks, as values of columns."""
+        values: dict[str, Any] = {}
+        if self.image and not record.image:
+            values["image"] = self.image.to_json()
+        if self.label and not record.label:
+            values["label"] = self.label
+        if self.photo and not record.has_photo:
+            values["photo"] = self.photo
+        return values
+
+
+def insert_all(
+    connection: Connection, pairs: Sequence[tuple[Record, Functions | None]], photos: Mapping[str, bytes]
+) -> None:
+    """Insert objects, their photos' thumbnails by id and, of composed ones, the uses of their members."""
     for record, functions in pairs:
-        _insert(connection, record, functions)
+        _insert(connection, record, functions, photos.get(record.id))
 
 
-def _insert(connection: Connection, record: Record, functions: Functions | None) -> None:
+def _insert(connection: Connection, record: Record, functions: Functions | None, photo: bytes | None) -> None:
     color = functions.color if functions else None
     values = {
         "id": record.id,
@@ -67,6 +102,8 @@ def _insert(connection: Connection, record: Record, functions: Functions | None)
         "frame": record.frame.to_bytes() if record.frame else None,
         "image": record.image.to_json() if record.image else None,
         "estimates": record.estimates.to_json() if record.estimates else None,
+        "label": record.label,
+        "photo": photo,
     }
     connection.execute(objects.insert(), values)
     if record.kind == "composed":
@@ -85,11 +122,24 @@ def record_of(row: Row[Any]) -> Record:
     frame = Frame.from_bytes(row.frame) if row.frame else None
     image = ImageReport.from_json(row.image) if row.image else None
     estimates = Estimates.from_json(row.estimates) if row.estimates else None
-    return Record(row.id, row.kind, row.model, spec, created_at, members, color_spec, frame, image, estimates)
+    return Record(
+        row.id,
+        row.kind,
+        row.model,
+        spec,
+        created_at,
+        members,
+        color_spec,
+        frame,
+        image,
+        estimates,
+        row.label,
+        row.has_photo,
+    )
 
 
 def functions_of(row: Row[Any]) -> Functions:
-    """Return theta, and the color if there is one, of a whole row; not for composed objects, which have no theta."""
+    """Return theta, and any color, of a row of `WHOLE`; not for composed objects, which have no theta."""
     if row.color is None:
         return Functions(_array(row.theta))
     return Functions(_array(row.theta), Color(_spec(row.color_spec), _array(row.color)))

@@ -1,19 +1,18 @@
 """The store of objects: id -> theta, its spec and its color, or the word of a composed object.
 
-An object never changes once written: it is put, read, listed and deleted.
+The function of an object never changes once written; its label may.
 """
 
 import asyncio
 import logging
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import Final
+from typing import Any, Final
 
 from sqlalchemy import Connection, bindparam, func, select
 from sqlalchemy.exc import IntegrityError
 
-from service.encoding.report import ImageReport
 from service.errors import InUse, NotFound, StoreUnavailable, UnreachableStore
 from service.mapping.frame import Frame
 from service.mapping.spec import Functions, joined
@@ -21,7 +20,7 @@ from service.settings import DATABASE_CONNECTIONS, DATABASE_TIMEOUT_S
 from service.storage.cursors import decode_cursor, encode_cursor
 from service.storage.database import connect, objects, uses
 from service.storage.faults import domain_error, reason_of, too_busy
-from service.storage.rows import HEADER, Record, functions_of, insert_all, record_of
+from service.storage.rows import HEADER, WHOLE, Record, functions_of, insert_all, record_of
 from service.storage.transactions import Database, R, Work
 
 logger: Final = logging.getLogger("hof")
@@ -29,7 +28,7 @@ logger: Final = logging.getLogger("hof")
 ATTEMPTS: Final = 10  # of a write that other writes thwart
 REOPEN_S: Final = 1.0
 MAX_NAMED: Final = 10  # composed objects that a refused deletion lists
-ONE: Final = select(objects).where(objects.c.id == bindparam("of"))  # built once: every photo runs it
+ONE: Final = select(*WHOLE).where(objects.c.id == bindparam("of"))  # built once: every photo runs it
 
 
 class Store:
@@ -72,7 +71,7 @@ class Store:
         """Do the least work that shows that the database can be used. Raises Overloaded and StoreUnavailable."""
         await self._run(self._database.ping)
 
-    async def put(self, record: Record, functions: Functions | None) -> tuple[Record, bool]:
+    async def put(self, record: Record, functions: Functions | None, photo: bytes | None = None) -> tuple[Record, bool]:
         """Store an object under ``record.id`` unless that id exists.
 
         Returns the stored object and whether it is new; of concurrent puts of one id, exactly one is new. The object
@@ -82,27 +81,30 @@ class Store:
         ----------
         functions : one theta, and the color that `record.color_spec` describes; None for a composed object, which
             consists of `record.members`.
+        photo : thumbnail of its photo, kept with it and deleted with it.
 
         Raises
         ------
         NotFound : the word names an object that does not exist.
         StoreFull : the database has no space left.
         """
-        kept, any_new = await self.put_all([(record, functions)])
+        kept, any_new = await self.put_all([(record, functions)], {record.id: photo} if photo else {})
         return kept[0], any_new
 
-    async def put_all(self, proposed: Sequence[tuple[Record, Functions | None]]) -> tuple[list[Record], bool]:
+    async def put_all(
+        self, proposed: Sequence[tuple[Record, Functions | None]], photos: Mapping[str, bytes] | None = None
+    ) -> tuple[list[Record], bool]:
         """Store several objects, all or none.
 
         Returns the stored objects, in the order given, and whether any is new. Parameters and errors are those of
-        `put`.
+        `put`; `photos` are by id.
         """
         kept: dict[str, Record] = {}
         for _ in range(ATTEMPTS):  # repeats only if another put or a delete intervenes, or after a repair
             # Always in the same order, so that two calls for the same words cannot deadlock.
             fresh = sorted((pair for pair in proposed if pair[0].id not in kept), key=lambda pair: pair[0].members)
             try:
-                await self._run(partial(insert_all, pairs=fresh))
+                await self._run(partial(insert_all, pairs=fresh, photos=photos or {}))
             except IntegrityError:
                 kept = await self.records([record.id for record, _ in proposed])
                 for record, _ in fresh:
@@ -131,17 +133,30 @@ class Store:
             raise NotFound(f"no object has the id {object_id}")
         return records[object_id]
 
-    async def complete(self, object_id: str, frame: Frame, image: ImageReport | None = None) -> Record:
-        """Keep what an object of an older version lacks: its frame, and a report on its photo. Return the record.
+    async def complete(self, object_id: str, frame: Frame, missing: Mapping[str, Any]) -> Record:
+        """Keep what an object lacks: its frame, and details (`Details.missing_in`). Return the record.
 
         Of concurrent calls the first one counts. Raises NotFound and StoreFull.
         """
-        values = {"frame": func.coalesce(objects.c.frame, frame.to_bytes())}
-        if image:
-            values["image"] = func.coalesce(objects.c.image, image.to_json())
+        values = {
+            name: func.coalesce(objects.c[name], value)
+            for name, value in {**missing, "frame": frame.to_bytes()}.items()
+        }
         query = objects.update().where(objects.c.id == object_id).values(values)
         await self._run(lambda connection: connection.execute(query))
         return await self.record(object_id)
+
+    async def relabel(self, object_id: str, label: str | None) -> Record:
+        """Give an object another label, or none. Return the record. Raises NotFound and StoreFull."""
+        query = objects.update().where(objects.c.id == object_id).values(label=label)
+        await self._run(lambda connection: connection.execute(query))
+        return await self.record(object_id)
+
+    async def photo(self, object_id: str) -> bytes | None:
+        """Return the thumbnail of an object's photo; None if there is no such object, or if it has none."""
+        query = select(objects.c.photo).where(objects.c.id == object_id)
+        photo: bytes | None = await self._run(lambda connection: connection.execute(query).scalar())
+        return photo
 
     async def records(self, ids: Sequence[str]) -> dict[str, Record]:
         """Return the objects that exist among `ids`, by id, without their functions."""
@@ -228,7 +243,7 @@ def _find(connection: Connection, object_id: str) -> tuple[Record, Functions] | 
     record = record_of(row)
     if record.kind != "composed":
         return record, functions_of(row)
-    query = select(objects).where(objects.c.id.in_(record.members))
+    query = select(*WHOLE).where(objects.c.id.in_(record.members))
     members = {each.id: functions_of(each) for each in connection.execute(query)}
     if members.keys() != set(record.members):
         return None  # the object and a member were deleted between the two queries

@@ -139,6 +139,20 @@ def test_picture_returns_the_file_of_the_format(hof: Client, disc_object: Stored
     assert hof.picture(disc_object.id, format="webp", size=32, view="front", color="none")[8:12] == b"WEBP"
 
 
+def test_label_and_photo_are_kept_with_the_object(hof: Client) -> None:
+    stored = hof.encode(image_file(disc("green")), label="Ünïcode disc", keep_photo=True)
+    assert stored.label == "Ünïcode disc"
+    assert hof.photo(stored.id)[8:12] == b"WEBP"
+    assert hof.set_label(stored.id, "Other").label == "Other"
+    assert hof.set_label(stored.id, None).label is None
+    assert hof.encode(image_file(disc("green"))).id == stored.id
+    with pytest.raises(InvalidParameter):
+        hof.set_label(stored.id, "x" * 81)
+    with pytest.raises(NotFound):
+        hof.photo("0" * 32)
+    hof.delete(stored.id)
+
+
 def test_path_is_planned_as_waypoints_and_as_a_file(hof: Client) -> None:
     ball = hof.import_object(ball_file())
     around = hof.path(ball.id, (-1.8, 0.1, 0.1), np.array([1.8, 0.1, 0.1]), scale=2, clearance=0.1, cells=24)

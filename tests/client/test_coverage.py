@@ -29,6 +29,7 @@ VALUES: Mapping[str, Any] = {
     "start": (-1, 0, 0),
     "goal": (1, 0, 0),
     "name": "hof1-k2",
+    "label": "Desk chair",
     "images": np.zeros((1, 3, 4, 4), np.float32),
 }
 ANSWERS = {

@@ -82,12 +82,13 @@ class Camera:
 
 @dataclass(frozen=True, kw_only=True)
 class Links:
-    """Paths of an object and of its files, from the service's root."""
+    """Paths of an object and of its files, from the service's root; `photo` is None unless one is kept."""
 
     self: str
     points: str
     mesh: str
     weights: str
+    photo: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,6 +98,7 @@ class StoredObject:
     Attributes
     ----------
     kind : `encoded`, `imported`, `composed` or `interpolated`.
+    label : the name that people gave it; None without one.
     model : the model that theta comes from.
     color : spec of the color function; None for an object without color.
     word : of a composed object, the ids of its k functions, the last one applied first.
@@ -113,6 +115,7 @@ class StoredObject:
 
     id: str
     kind: str
+    label: str | None = None
     created_at: datetime
     model: str
     spec: Spec

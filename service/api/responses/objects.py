@@ -38,6 +38,12 @@ class StoredObject(BaseModel):
     kind: Kind = Field(
         description="`encoded` from an image, `imported` from a weights file, `composed` or `interpolated` from others"
     )
+    label: str | SkipJsonSchema[None] = Field(
+        default=None,
+        exclude_if=lambda value: value is None,
+        description="the name that people gave it; absent without one",
+        examples=["Desk chair"],
+    )
     created_at: datetime = Field(description="RFC 3339, UTC")
     model: str = Field(description="the model that theta comes from", examples=["hof1-k2"])
     spec: Spec
@@ -152,6 +158,7 @@ def _object_fields(record: Record, root_path: str | None) -> dict[str, Any]:
     return {
         "id": record.id,
         "kind": record.kind,
+        "label": record.label,
         "created_at": record.created_at,
         "model": record.model,
         "spec": Spec.of(record.spec),
@@ -163,7 +170,13 @@ def _object_fields(record: Record, root_path: str | None) -> dict[str, Any]:
         "frame": Box(**asdict(record.frame)) if record.frame else None,
         "image": ImageReport.of(record.image) if record.image else None,
         **_estimates_fields(record.estimates),
-        "links": Links(self=path, points=f"{path}/points", mesh=f"{path}/mesh", weights=f"{path}/weights"),
+        "links": Links(
+            self=path,
+            points=f"{path}/points",
+            mesh=f"{path}/mesh",
+            weights=f"{path}/weights",
+            photo=f"{path}/photo" if record.has_photo else None,
+        ),
     }
 
 

@@ -47,6 +47,12 @@ class Links(BaseModel):
     points: str = Field(examples=["/objects/2f7f3b52a9a1c0de9b1d1c4d5e6f7a8b/points"])
     mesh: str = Field(examples=["/objects/2f7f3b52a9a1c0de9b1d1c4d5e6f7a8b/mesh"])
     weights: str = Field(examples=["/objects/2f7f3b52a9a1c0de9b1d1c4d5e6f7a8b/weights"])
+    photo: str | SkipJsonSchema[None] = Field(
+        default=None,
+        exclude_if=lambda value: value is None,
+        description="a small picture of the object in its photo; absent unless one is kept",
+        examples=["/objects/2f7f3b52a9a1c0de9b1d1c4d5e6f7a8b/photo"],
+    )
 
 
 class Box(BaseModel):

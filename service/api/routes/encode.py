@@ -17,7 +17,8 @@ from service.api.queries import EncodeQuery
 from service.api.responses.errors import BINARY, BODY_STALLED, NO_SPACE, OBJECT_LOCATION, OVERLOADED, Problem, Responses
 from service.api.responses.objects import EncodedObject, EncodedWeights
 from service.api.wire.disconnects import while_connected
-from service.api.wire.uploads import read_image
+from service.api.wire.labels import MAX_LABEL
+from service.api.wire.uploads import Photo, read_photo
 from service.encoding.encoder import Encoded, Encoder
 from service.encoding.framing import Framed, preprocess
 from service.encoding.report import ImageReport
@@ -27,7 +28,7 @@ from service.mapping.spec import Functions
 from service.runtime.frames import complete_record
 from service.runtime.parts import Runtime
 from service.storage.ids import encoded_id
-from service.storage.rows import Record
+from service.storage.rows import Details, Record
 
 router = APIRouter()
 
@@ -37,13 +38,21 @@ IMAGE_TYPES: Final = "PNG, JPEG, WebP or AVIF; HEIC if the service has the extra
 FORM: Final = {
     "schema": {
         "type": "object",
-        "properties": {"image": {"type": "string", "format": "binary", "description": IMAGE_TYPES}},
+        "properties": {
+            "image": {"type": "string", "format": "binary", "description": IMAGE_TYPES},
+            "label": {
+                "type": "string",
+                "maxLength": MAX_LABEL,
+                "description": "name of the object, one line; kept unless the object has one already",
+            },
+        },
         "required": ["image"],
     }
 }
 REQUEST_BODY: Final = {
     "required": True,
-    "description": "The image: raw, or as the field `image` of a form. Its type is detected from its content.",
+    "description": "The image: raw, or as the field `image` of a form, which may have a `label`, "
+    "too. Its type is detected from its content.",
     "content": {
         "multipart/form-data": FORM,
         "image/png": BINARY,
@@ -86,7 +95,8 @@ async def encode(
     """Turn the photo of one object into a mapping function, and keep it.
 
     The id is a digest of the image's bytes, its framing, and the models. A repeat answers 200 with the same object
-    and costs no inference; the masks of recent photos are cached.
+    and costs no inference; the masks of recent photos are cached. Of its label and its photo, a repeat adds what the
+    object lacks, and changes nothing.
     """
     encoder, settings, gates = runtime.models.named(query.model), runtime.settings, runtime.gates
     framing = encoder.framing
@@ -95,15 +105,16 @@ async def encode(
     max_bytes, max_pixels = settings.max_image_bytes, settings.max_image_pixels
     client = client_of(request.scope)
     with gates.images.admit(client=client), gates.uploads.admit(0, client) as upload:
-        image = await read_image(request, max_bytes, upload)
-        args = (image, framing, query.background, max_pixels, runtime.matting)
-        frame = partial(runtime.run_stoppable, lambda stop: preprocess(*args, stop))
+        photo = await read_photo(request, max_bytes, upload)
+        args = (photo.image, framing, query.background, max_pixels, runtime.matting)
+        keep = query.keep_photo and query.store
+        frame = partial(runtime.run_stoppable, lambda stop: preprocess(*args, stop, thumbnail=keep))
         if not query.store:
             framed, encoded, box = await while_connected(request, _encode(frame, runtime, encoder))
             return EncodedWeights.of(encoder.name, encoder.spec, encoded, box, framed)
-        work = _look_up_or_encode(frame, runtime, encoder, image, framing.foreground_ratio)
+        work = _look_up_or_encode(frame, runtime, encoder, photo, framing.foreground_ratio)
         framed, record, functions, is_stored = await while_connected(request, work)
-        record, is_new = (record, False) if is_stored else await runtime.store.put(record, functions)
+        record, is_new = (record, False) if is_stored else await runtime.store.put(record, functions, framed.thumbnail)
     kept = functions if query.include == "weights" else None
     answer = EncodedObject.of_image(record, framed, kept, settings.root_path)
     if is_new:
@@ -124,19 +135,19 @@ async def _functions(runtime: Runtime, encoder: Encoder, framed: Framed) -> tupl
 
 
 async def _look_up_or_encode(
-    frame: Frame, runtime: Runtime, encoder: Encoder, image: bytes, foreground_ratio: float
+    frame: Frame, runtime: Runtime, encoder: Encoder, photo: Photo, foreground_ratio: float
 ) -> tuple[Framed, Record, Functions, bool]:
     """Return the framed image, its object, its functions, and whether the object is stored already."""
     framed = await frame()
     models = [encoder.digest]
     if framed.mask == "matting" and runtime.matting:
         models.append(runtime.matting.digest)
-    object_id = encoded_id(image, framed.mask, foreground_ratio, *models)
+    object_id = encoded_id(photo.image, framed.mask, foreground_ratio, *models)
     match = await runtime.store.find(object_id)
     report = ImageReport.of(framed)
     if match is not None:
         record, functions = match
-        record, _ = await complete_record(runtime, record, report)
+        record, _ = await complete_record(runtime, record, Details(report, photo.label, framed.thumbnail))
         return framed, record, functions, True
     encoded, box = await _functions(runtime, encoder, framed)
     record = Record(
@@ -149,5 +160,7 @@ async def _look_up_or_encode(
         frame=box,
         image=report,
         estimates=encoded.estimates.rounded() if encoded.estimates else None,
+        label=photo.label,
+        has_photo=framed.thumbnail is not None,
     )
     return framed, record, encoded, False

@@ -1,4 +1,4 @@
-"""GET /objects/{id}/picture: a picture of an object, as a file."""
+"""Pictures of an object, as files: drawn from its points, or cut out of its photo."""
 
 from typing import Annotated
 
@@ -8,8 +8,10 @@ from starlette.responses import Response
 
 from service.api.context import client_of
 from service.api.dependencies import ObjectId, ReadyRuntime
-from service.api.queries import PictureQuery
+from service.api.queries import NoQuery, PictureQuery
+from service.api.responses.errors import Problem
 from service.api.routes.file_answers import NOT_ACCEPTABLE, FileAnswer, file_responses, format_of
+from service.errors import NotFound
 from service.formats.picture import PICTURE_FORMATS, PictureFormat
 from service.mapping.frame import Frame
 from service.mapping.spec import Functions, MappingSpec
@@ -40,6 +42,22 @@ async def picture(
         return await runtime.run(_picture_file, fmt, record.spec, functions, frame, query)
 
     return answer.with_file(compute, runtime.gates.points, picture_cost(record, query))
+
+
+@router.get(
+    "/{id}/photo",
+    response_class=Response,
+    responses=file_responses("A small picture of the object in its photo", [PICTURE_FORMATS["webp"]])
+    | {404: {"model": Problem, "description": "No object of that id, or it has no photo"}},
+)
+async def photo(request: Request, id_: ObjectId, query: Annotated[NoQuery, Query()], runtime: ReadyRuntime) -> Response:
+    """Return the object as its photo shows it, 160 pixels wide, if `keep_photo=true` asked to keep that."""
+    content = await runtime.store.photo(id_)
+    if content is None:
+        await runtime.store.record(id_)
+        raise NotFound(f"the object {id_} has no photo; only photos encoded with keep_photo=true leave one")
+    answer = FileAnswer(id_, PICTURE_FORMATS["webp"], "photo", length=len(content))
+    return answer.without_file(request) or Response(content, headers=answer.headers, media_type=answer.media_type)
 
 
 def _picture_file(

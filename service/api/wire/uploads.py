@@ -1,17 +1,25 @@
 """Request bodies with a limit: bytes are counted as they arrive, chunked bodies included."""
 
-from typing import Final
+from typing import Final, NamedTuple
 
 from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import Field, File, FormParser, parse_options_header
 from starlette.requests import ClientDisconnect, Request
 
+from service.api.wire.labels import clean_label
 from service.errors import InvalidInput, InvalidParameter, TooLarge
 from service.runtime.admission import Admitted, ClientLeft
 
-MAX_DELIMITERS: Final = 64  # of a form; one field has two
+MAX_DELIMITERS: Final = 64  # of a form; a form of two fields has three
 MAX_PADDING: Final = 64  # spaces and tabs after a delimiter; nobody sends any
-FORM_OVERHEAD_BYTES: Final = 16_384  # boundaries and headers of a one-field form
+FORM_OVERHEAD_BYTES: Final = 16_384  # boundaries and headers of a form, and its label
+
+
+class Photo(NamedTuple):
+    """The image of a request, and the label for its object."""
+
+    image: bytes
+    label: str | None = None
 
 
 async def read_body(request: Request, max_bytes: int, admitted: Admitted | None = None) -> bytes:
@@ -42,8 +50,8 @@ async def read_body(request: Request, max_bytes: int, admitted: Admitted | None 
     return bytes(body)
 
 
-async def read_image(request: Request, max_bytes: int, admitted: Admitted) -> bytes:
-    """Return the image of a request: the field `image` of a form, or the raw body of any other content type.
+async def read_photo(request: Request, max_bytes: int, admitted: Admitted) -> Photo:
+    """Return the photo of a request: the fields of a form, or the raw body of any other content type.
 
     Its bytes count in the gate of `admitted` as they arrive.
 
@@ -52,32 +60,33 @@ async def read_image(request: Request, max_bytes: int, admitted: Admitted) -> by
     TooLarge : the image exceeds `max_bytes`.
     Overloaded : the gate is full.
     InvalidInput : the form is malformed.
-    InvalidParameter : the form has other fields than one `image`.
+    InvalidParameter : the form has other fields than one `image` and one `label`, or the label is no label.
     ClientLeft : the client disconnected before the end of the body.
     """
     content_type, options = parse_options_header(request.headers.get("content-type"))
     if content_type != b"multipart/form-data":
-        return await read_body(request, max_bytes, admitted)
+        return Photo(await read_body(request, max_bytes, admitted))
     body = await read_body(request, max_bytes + FORM_OVERHEAD_BYTES, admitted)
-    image = form_image(body, options.get(b"boundary", b""))
-    if len(image) > max_bytes:
-        raise TooLarge(f"the image has {len(image)} bytes, the limit is {max_bytes}", field="image")
-    return image
+    photo = form_photo(body, options.get(b"boundary", b""))
+    if len(photo.image) > max_bytes:
+        raise TooLarge(f"the image has {len(photo.image)} bytes, the limit is {max_bytes}", field="image")
+    return photo
 
 
-def form_image(body: bytes, boundary: bytes) -> bytes:
-    """Return the bytes of the one field, `image`, of a multipart form. Raises as `read_image` does."""
+def form_photo(body: bytes, boundary: bytes) -> Photo:
+    """Return the fields of a multipart form: `image` and, if it is there, `label`. Raises as `read_photo` does."""
     _check_delimiters(body, boundary)
-    images: list[bytes] = []
+    fields: dict[str, bytes] = {}
     ended: list[bool] = []
 
     def take(name: bytes | None, value: bytes) -> None:
         # Refusing at once keeps a form of a million tiny parts from being parsed to its end.
-        if name != b"image":
-            raise InvalidParameter("the form may have one field, image", field=(name or b"")[:64].decode("latin-1"))
-        if images:
-            raise InvalidParameter("the form has more than one field image", field="image")
-        images.append(value)
+        field = (name or b"")[:64].decode("latin-1")
+        if field not in Photo._fields:
+            raise InvalidParameter("the form may have the fields image and label, no others", field=field)
+        if field in fields:
+            raise InvalidParameter(f"the form has more than one field {field}", field=field)
+        fields[field] = value
 
     def take_file(file: File) -> None:
         file.file_object.seek(0)
@@ -100,9 +109,16 @@ def form_image(body: bytes, boundary: bytes) -> bytes:
         raise InvalidInput("the multipart form is malformed", field="image") from error
     if not ended:
         raise InvalidInput("the multipart form is malformed: its last boundary is missing", field="image")
-    if not images:
+    if "image" not in fields:
         raise InvalidParameter("the form lacks the field image", field="image")
-    return images[0]
+    return Photo(fields["image"], _label(fields.get("label", b"")))
+
+
+def _label(value: bytes) -> str | None:
+    try:
+        return clean_label(value.decode())
+    except UnicodeDecodeError as error:
+        raise InvalidParameter("the label is not UTF-8", field="label") from error
 
 
 def _check_delimiters(body: bytes, boundary: bytes) -> None:
@@ -115,8 +131,8 @@ def _check_delimiters(body: bytes, boundary: bytes) -> None:
         count, at = count + 1, at + len(delimiter)
         if count > MAX_DELIMITERS:
             raise InvalidInput(
-                f"the form has its boundary more than {MAX_DELIMITERS} times, the limit: send one field, image, and a "
-                "boundary that is not in it",
+                f"the form has its boundary more than {MAX_DELIMITERS} times, the limit: send the fields image "
+                "and label, and a boundary that is not in them",
                 field="image",
             )
         padding = body[at : at + MAX_PADDING + 1]

@@ -90,7 +90,7 @@ def test_model_of_two_can_be_chosen(page: Page, browser: Browser, tmp_path: Path
         page.get_by_label("Model").select_option(index=0)
         page.set_input_files("#file", photo("chair"))
         expect(page.locator("#about")).to_contain_text("k = 2, of hof1-k2", timeout=TIMEOUT_MS)
-        assert curl_line(page, "encode").endswith("/encode")
+        assert curl_line(page, "encode").endswith('/encode?keep_photo=true"')
 
 
 def test_photo_that_is_dropped_is_encoded(page: Page) -> None:
@@ -255,3 +255,26 @@ def test_surface_switch_shows_the_surface_and_back_the_points(page: Page, tmp_pa
     expect(page.locator("#count")).to_have_text("10,000 points")
     assert (pixels(page) == points).mean() > 0.99
     assert "/points?" in curl_line(page, "download")
+
+
+def test_object_that_is_named_keeps_its_name_and_shows_its_photo(page: Page) -> None:
+    page.get_by_role("button", name="Barrel", exact=True).click()
+    shown = page.locator("#gallery li.shown")
+    page.locator("#gallery").scroll_into_view_if_needed()
+    expect(shown.locator(".photo")).to_be_visible()
+    page.get_by_label("Name", exact=True).fill("Rain barrel")
+    page.keyboard.press("Enter")
+    expect(shown.locator(".open")).to_have_text("Rain barrel")
+    expect(shown.locator(".photo")).to_be_visible()
+    page.locator("#gallery").screenshot(path=PICTURES / "gallery.png")
+    page.reload()
+    expect(page.get_by_label("Name", exact=True)).to_have_value("Rain barrel")
+    page.get_by_label("Name", exact=True).fill("")
+    page.keyboard.press("Enter")
+    expect(shown.locator(".open")).to_contain_text("Photo")
+    page.get_by_text("Advanced").click()
+    page.get_by_label("Keep a small picture").uncheck()
+    page.get_by_role("button", name="Bed", exact=True).click()
+    expect(page.get_by_label("Name", exact=True)).to_have_value("")
+    expect(page.locator("#gallery li.shown .open")).to_contain_text("Photo")
+    expect(shown.locator(".photo")).to_be_hidden()

@@ -24,7 +24,7 @@ def test_photo_that_is_chosen_last_wins(page: Page) -> None:
         else:
             held.append(route)
 
-    page.route("**/encode", hold_first)
+    page.route("**/encode?*", hold_first)
     page.get_by_role("button", name="Bed").click()
     expect(page.locator("#working")).to_be_visible()
     page.get_by_role("button", name="Barrel").click()
@@ -45,7 +45,7 @@ def test_photo_while_the_service_is_busy_waits_and_tells(page: Page) -> None:
         else:
             route.continue_()
 
-    page.route("**/encode", refuse_once)
+    page.route("**/encode?*", refuse_once)
     page.get_by_role("button", name="Lamp").click()
     expect(page.locator("#notice")).to_contain_text("Trying again in 1 s")
     page.screenshot(path=PICTURES / "busy.png")
@@ -95,8 +95,9 @@ def test_page_without_webgl_shows_a_picture(browser: Browser, address: str) -> N
 
 def test_page_in_each_language_translates_every_text(browser: Browser, address: str) -> None:
     index = (viewer.STATIC / "index.html").read_text("utf-8")
-    scripts = "".join(Path(path).read_text("utf-8") for path in viewer.STATIC.glob("js/*.js"))
-    used = set(re.findall(r'data-(?:text|label|alt)="(\w+)"', index)) | set(re.findall(r'\btext\("(\w+)"', scripts))
+    scripts = "".join(Path(path).read_text("utf-8") for path in viewer.STATIC.glob("js/**/*.js"))
+    used = set(re.findall(r'data-(?:text|label|alt|placeholder)="(\w+)"', index))
+    used |= set(re.findall(r'\btext\("(\w+)"', scripts))
     for code, texts in LANGUAGES.items():
         assert texts.keys() == LANGUAGES["en"].keys(), code
         assert used <= texts.keys(), code

@@ -19,11 +19,22 @@ from hof_client.calls.objects import (
     import_object,
     interpolate,
     objects,
+    set_label,
 )
 from hof_client.calls.objects import object_ as object  # noqa: A004 - the name of the method
 from hof_client.calls.paths import path, path_file
 from hof_client.calls.service import live, metrics, model, models, ready
-from hof_client.calls.shapes import colored_points, iter_points, mesh, picture, points, save_points, theta, weights
+from hof_client.calls.shapes import (
+    colored_points,
+    iter_points,
+    mesh,
+    photo,
+    picture,
+    points,
+    save_points,
+    theta,
+    weights,
+)
 
 __all__ = [
     "MAX_LIMIT",
@@ -52,10 +63,12 @@ __all__ = [
     "objects",
     "path",
     "path_file",
+    "photo",
     "picture",
     "points",
     "ready",
     "save_points",
+    "set_label",
     "theta",
     "weights",
 ]

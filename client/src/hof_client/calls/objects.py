@@ -1,6 +1,7 @@
-"""Calls about objects: make them, list them, read them, remove them."""
+"""Calls about objects: make them, list them, read them, label them, remove them."""
 
 import json
+import secrets
 from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
@@ -23,6 +24,8 @@ def encode(
     foreground_ratio: float | None = None,
     include: Literal["weights"] | None = None,
     model: str | None = None,
+    label: str | None = None,
+    keep_photo: bool = False,
 ) -> Call[EncodedObject]:
     """Turn the photo of one object into an object, and keep it. The same photo gives the same object.
 
@@ -34,13 +37,22 @@ def encode(
         model's own.
     include : "weights" adds theta to the answer.
     model : name of a loaded model; by default the first.
+    label : name of the object, one line of at most 80 characters; kept unless the object has one already.
+    keep_photo : keep a small picture of the photo's object, for `photo`.
 
     Raises
     ------
     NoObjectFound, CorruptImage, TooLarge, UnsupportedMedia, StoreFull : see `hof_client.problems`.
     """
-    query = {"background": background, "foreground_ratio": foreground_ratio, "include": include, "model": model}
-    request = Request("POST", "/encode", query=query, content=_bytes_of(image))
+    query = {
+        "background": background,
+        "foreground_ratio": foreground_ratio,
+        "include": include,
+        "model": model,
+        "keep_photo": keep_photo,
+    }
+    content, headers = _form(_bytes_of(image), label) if label else (_bytes_of(image), {})
+    request = Request("POST", "/encode", query=query, content=content, headers=headers)
     return Call(request, json_reader(EncodedObject))
 
 
@@ -74,6 +86,14 @@ def object_(object_id: str) -> Call[StoredObject]:
     return Call(Request("GET", "/objects/{id}", {"id": object_id}), json_reader(StoredObject))
 
 
+def set_label(object_id: str, label: str | None) -> Call[StoredObject]:
+    """Give an object another label, one line of at most 80 characters; None removes it. Raises NotFound."""
+    content = json.dumps({"label": label}).encode()
+    headers = {"Content-Type": "application/json"}
+    request = Request("PATCH", "/objects/{id}", {"id": object_id}, content=content, headers=headers)
+    return Call(request, json_reader(StoredObject))
+
+
 def delete(object_id: str) -> Call[None]:
     """Remove an object. Raises NotFound, or InUse while a composed object uses it.
 
@@ -104,6 +124,16 @@ def compose_all(objects: Sequence[str]) -> Call[ComposedObjects]:
 def _compose(objects: Sequence[str], mode: str) -> Request:
     content = json.dumps({"objects": list(objects), "mode": mode}).encode()
     return Request("POST", "/compose", content=content, headers={"Content-Type": "application/json"})
+
+
+def _form(image: bytes, label: str) -> tuple[bytes, dict[str, str]]:
+    """Return a multipart form of an image and its label, and its headers."""
+    boundary = secrets.token_hex(16)
+    line = f"\r\n--{boundary}"
+    field = 'Content-Disposition: form-data; name="'
+    head = f'--{boundary}\r\n{field}label"\r\n\r\n{label}{line}\r\n{field}image"; filename="image"\r\n\r\n'
+    content = head.encode() + image + f"{line}--\r\n".encode()
+    return content, {"Content-Type": f"multipart/form-data; boundary={boundary}"}
 
 
 def _bytes_of(file: File) -> bytes:

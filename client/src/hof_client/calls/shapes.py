@@ -185,6 +185,12 @@ def picture(
     return Call(request, lambda _: Whole(bytes))
 
 
+def photo(object_id: str) -> Call[bytes]:
+    """Return a WebP of an object as its photo shows it, if `encode` was to keep that. Raises NotFound."""
+    request = Request("GET", "/objects/{id}/photo", {"id": object_id}, media_type="image/webp")
+    return Call(request, lambda _: Whole(bytes))
+
+
 def weights(
     object_id: str,
     *,

@@ -89,6 +89,12 @@ export async function fetchObject(id) {
   return (await call(`objects/${encodeURIComponent(id)}`)).json();
 }
 
+/** Give an object another label, or none (""). Returns the object. */
+export async function relabel(id, label) {
+  const headers = { "Content-Type": "application/json" };
+  return (await call(`objects/${id}`, { method: "PATCH", headers, body: JSON.stringify({ label }) })).json();
+}
+
 /** Delete an object. `last`: the page is being closed. */
 export async function deleteObject(id, last = false) {
   await call(`objects/${id}`, { method: "DELETE", keepalive: last });
@@ -121,6 +127,11 @@ export async function fetchFile(path) {
 /** Fetch a picture of an object: the address of a blob. */
 export async function fetchPicture(object, size) {
   return URL.createObjectURL((await fetchFile(filePath(object, "picture", { size, format: "webp" }))).blob);
+}
+
+/** Fetch the object as its photo shows it, if the object has that: the address of a blob. */
+export async function fetchPhoto(object) {
+  return URL.createObjectURL((await fetchFile(`objects/${object.id}/photo`)).blob);
 }
 
 /** Fetch a path and return all its bytes (ArrayBuffer). */

@@ -1,5 +1,5 @@
 // The stored objects as cards. A click opens an object; dragging one onto another mixes the two.
-import { deleteObject, fetchPicture, listObjects } from "./api.js";
+import { deleteObject, fetchPhoto, fetchPicture, listObjects } from "./api.js";
 import { notify } from "./notice.js";
 import { attempt } from "./problem.js";
 import { text } from "./text.js";
@@ -14,7 +14,7 @@ const hint = document.getElementById("hint");
 const more = document.getElementById("more");
 
 const cards = new Map(); // by id: {object, item}
-const pictures = new Map(); // addresses by id
+const pictures = new Map(); // addresses by id: {picture, photo}
 const leaving = new Map(); // timers of deletions that can be undone, by id
 let cursor = null;
 let picked = null; // id of the first object of a mix
@@ -53,6 +53,16 @@ export function markCards(labels) {
   }
 }
 
+/** Show an object under its new name. */
+export function updateCard(object) {
+  const card = cards.get(object.id);
+  if (!card) return;
+  card.object = object;
+  fill(card);
+  draw(card.item);
+  markCards(marks);
+}
+
 async function load(from) {
   const page = await listObjects(from, PAGE);
   if (from === null) {
@@ -73,32 +83,45 @@ function add(object) {
   item.dataset.id = object.id;
   const card = { object, item };
   cards.set(object.id, card);
-  item.append(...face(card), foot(card));
+  fill(card);
   if (!object.word) acceptDrags(card);
   list.append(item);
   seen.observe(item);
 }
 
-/** Show the picture of a card, when it comes into view. */
+function fill(card) {
+  card.item.replaceChildren(...face(card), foot(card));
+}
+
+/** Show the pictures of a card, when it comes into view. */
 async function draw(item) {
   const { id } = item.dataset;
   if (!cards.has(id)) return; // the list was loaded again
-  if (!pictures.has(id)) pictures.set(id, await fetchPicture(cards.get(id).object, SIDE));
-  item.querySelector("img").src = pictures.get(id);
+  const { object } = cards.get(id);
+  if (!pictures.has(id)) {
+    const fetches = [fetchPicture(object, SIDE), object.links.photo && fetchPhoto(object)];
+    const [picture, photo] = await Promise.all(fetches);
+    pictures.set(id, { picture, photo });
+  }
+  const { picture, photo } = pictures.get(id);
+  item.querySelector("img").src = picture;
+  if (photo) item.querySelector(".photo").src = photo;
+  item.querySelector(".photo").hidden = !photo;
 }
 
 function nameOf(object) {
-  return `${text(object.kind)} ${object.id.slice(0, 6)}`;
+  return object.label ?? `${text(object.kind)} ${object.id.slice(0, 6)}`;
 }
 
-/** Build picture, letter and name; picture and name open the object. The picture is no button: Firefox drags none. */
+/** Build pictures, letter and name; pictures and name open the object. The picture is no button: Firefox drags none. */
 function face({ object }) {
   const picture = Object.assign(new Image(SIDE, SIDE), { alt: "", draggable: false });
+  const photo = Object.assign(new Image(), { alt: "", className: "photo", draggable: false, hidden: true });
   const letter = document.createElement("b");
   letter.className = "letter";
   const button = buttonOf("open", nameOf(object));
-  for (const each of [picture, button]) each.addEventListener("click", () => actions.open(object));
-  return [picture, letter, button];
+  for (const each of [picture, photo, button]) each.addEventListener("click", () => actions.open(object));
+  return [picture, photo, letter, button];
 }
 
 function foot(card) {

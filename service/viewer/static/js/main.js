@@ -1,7 +1,8 @@
 // The page: encode a photo, show objects, mix two of them.
 import { allWords, compose, fetchObject } from "./api.js";
 import { showCurl } from "./curl.js";
-import { markCards, reloadGallery, startGallery } from "./gallery.js";
+import { markCards, reloadGallery, startGallery, updateCard } from "./gallery.js";
+import { hideName, showName, startNaming } from "./name.js";
 import { watchConnection } from "./notice.js";
 import { hidePhoto, showModels, startPhotos } from "./photo.js";
 import { attempt } from "./problem.js";
@@ -15,7 +16,13 @@ const galleryLine = document.querySelector('.curl[data-of="gallery"]');
 function show(object) {
   const hash = `#/objects/${object.id}`;
   if (location.hash !== hash) history.pushState(null, "", hash);
+  present(object);
+}
+
+/** Show an object with its name, and mark its card. */
+function present(object) {
   showObject(object);
+  showName(object);
   markCards({ [object.id]: "" });
 }
 
@@ -35,6 +42,7 @@ function composeTwo(first, second) {
     const about = `All words over A and B: ${labels[1]} is ${formula(labels[1])}; the last letter is applied first.`;
     await reloadGallery();
     hidePhoto();
+    hideName();
     markCards(letters);
     showWords(objects, labels, text("mixes"), about);
     focusStage();
@@ -59,16 +67,19 @@ async function showAddressed() {
 async function begin() {
   const [isAddressed, newest] = await Promise.all([showAddressed(), reloadGallery()]);
   if (isAddressed || !newest) return;
-  showObject(newest);
-  markCards({ [newest.id]: "" });
+  present(newest);
 }
 
 translatePage();
 watchConnection();
 startView(open);
 startGallery({ open, compose: composeTwo });
+startNaming(updateCard);
 startPhotos({
-  begin: clearView,
+  begin: () => {
+    clearView();
+    hideName();
+  },
   done: async (object) => {
     show(object);
     await reloadGallery();

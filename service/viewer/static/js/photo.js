@@ -6,6 +6,7 @@ import { text } from "./text.js";
 
 const element = (id) => document.getElementById(id);
 const [drop, model, background, framing] = ["drop", "model", "background", "framing"].map(element);
+const keep = element("keep");
 const picture = framing.querySelector("img");
 const box = framing.querySelector(".box");
 const caption = framing.querySelector("figcaption");
@@ -77,6 +78,7 @@ function query() {
   const chosen = { model: model.value, background: background.value };
   if (!chosen.model) delete chosen.model;
   if (chosen.background === "auto") delete chosen.background;
+  if (keep.checked) chosen.keep_photo = true;
   return chosen;
 }
 

@@ -24,6 +24,9 @@ export function translatePage() {
     else element.textContent = text(element.dataset.text);
   }
   for (const element of document.querySelectorAll("[data-label]")) element.ariaLabel = text(element.dataset.label);
+  for (const element of document.querySelectorAll("[data-placeholder]")) {
+    element.placeholder = text(element.dataset.placeholder);
+  }
   for (const element of document.querySelectorAll("[data-alt]")) element.alt = text(element.dataset.alt);
   const select = document.getElementById("language");
   select.append(...Object.entries(LANGUAGES).map(([code, texts]) => new Option(texts.language, code)));
