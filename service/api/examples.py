@@ -41,15 +41,23 @@ ERRORS: Final[dict[str, tuple[str, str]]] = {  # status: title, detail
     "400": ("Corrupt image", "the image is truncated or corrupt"),
     "401": ("Unauthenticated", "this call needs an API key: `Authorization: Bearer KEY`, or `X-API-Key: KEY`"),
     "403": ("Forbidden", "this call needs a key of the scope write"),
-    "404": ("Not found", "there is no object of this id"),
-    "406": ("Not acceptable", "no format satisfies the Accept header"),
-    "408": ("Stalled", "the client sent nothing for 30 s"),
+    "404": ("Not found", "no object has the id 2f7f3b52a9a1c0de9b1d1c4d5e6f7a8b"),
+    "406": ("Not acceptable", "the Accept header allows none of image/png, image/webp"),
+    "408": ("Stalled", "the body came too slowly: no byte for 30 s, or fewer than 8192 a second"),
     "409": ("In use", "composed objects use it: 9b1d1c4d5e6f7a8b2f7f3b52a9a1c0de; delete them first"),
-    "413": ("Too large", "the body has more bytes than the limit"),
+    "413": ("Too large", "the body has 20971521 bytes, the limit is 20971520"),
     "415": ("Unsupported media type", "the body is not a PNG, JPEG, WebP, AVIF or HEIC image"),
-    "421": ("Misdirected request", "the service has no host of this name; set --allowed-hosts"),
+    "421": (
+        "Misdirected request",
+        "this service has no API keys and does not answer for the host shop.example; allow that name with "
+        "--allowed-hosts (HOF_ALLOWED_HOSTS)",
+    ),
     "422": ("Invalid parameter", "n: Input should be less than or equal to 10000000"),
-    "429": ("Overloaded", "more work than the service accepts at a time; try again later"),
+    "429": (
+        "Overloaded",
+        "the service works on its limit of 128 images at a time (--max-queued-images): repeat the call after "
+        "Retry-After",
+    ),
     "503": ("Not ready", "the service is starting or stopping"),
     "507": ("Insufficient storage", "the database has no space left; nothing of this call is kept"),
 }

@@ -112,7 +112,7 @@ async def encode(
         if not query.store:
             framed, encoded, box = await while_connected(request, _encode(frame, runtime, encoder))
             return EncodedWeights.of(encoder.name, encoder.spec, encoded, box, framed)
-        work = _look_up_or_encode(frame, runtime, encoder, photo, framing.foreground_ratio)
+        work = _look_up_or_encode(frame, runtime, encoder, photo, framing.foreground_ratio, client)
         framed, record, functions, is_stored = await while_connected(request, work)
         record, is_new = (record, False) if is_stored else await runtime.store.put(record, functions, framed.thumbnail)
     kept = functions if query.include == "weights" else None
@@ -135,7 +135,7 @@ async def _functions(runtime: Runtime, encoder: Encoder, framed: Framed) -> tupl
 
 
 async def _look_up_or_encode(
-    frame: Frame, runtime: Runtime, encoder: Encoder, photo: Photo, foreground_ratio: float
+    frame: Frame, runtime: Runtime, encoder: Encoder, photo: Photo, foreground_ratio: float, client: str | None
 ) -> tuple[Framed, Record, Functions, bool]:
     """Return the framed image, its object, its functions, and whether the object is stored already."""
     framed = await frame()
@@ -147,7 +147,8 @@ async def _look_up_or_encode(
     report = ImageReport.of(framed)
     if match is not None:
         record, functions = match
-        record, _ = await complete_record(runtime, record, Details(report, photo.label, framed.thumbnail))
+        details = Details(report, photo.label, framed.thumbnail)
+        record, _ = await complete_record(runtime, record, details, client=client)
         return framed, record, functions, True
     encoded, box = await _functions(runtime, encoder, framed)
     record = Record(

@@ -1,7 +1,8 @@
 """Gates that routes declare."""
 
+import sqlite3
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 
 import httpx
 import pytest
@@ -25,9 +26,9 @@ def test_declared_gates_of_all_routes_are_those_of_calls_that_always_compute(set
     }
 
 
-def test_work_of_every_call_counts_for_its_client(
-    client: httpx.Client, photo: bytes, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture
+def clients(monkeypatch: pytest.MonkeyPatch) -> list[str | None]:
+    """Return the clients for which gates admit work from now on."""
     clients, admit = list[str | None](), Gate.admit
 
     @contextmanager
@@ -37,6 +38,12 @@ def test_work_of_every_call_counts_for_its_client(
             yield admitted
 
     monkeypatch.setattr(Gate, "admit", recorded)
+    return clients
+
+
+def test_work_of_every_call_counts_for_its_client(
+    client: httpx.Client, photo: bytes, clients: list[str | None]
+) -> None:
     encoded = client.post("/encode", content=photo).json()
     link, weights = encoded["links"]["self"], client.get(encoded["links"]["weights"])
     answers = [
@@ -53,3 +60,14 @@ def test_work_of_every_call_counts_for_its_client(
     assert [answer.status_code for answer in answers] == [200, 200, 200, 200, 200, 200, 201, 201, 422]
     assert len(clients) > len(answers)
     assert set(clients) == {"127.0.0.1"}
+
+
+def test_measuring_an_object_of_an_older_version_counts_for_the_client_of_its_photo(
+    client: httpx.Client, photo: bytes, clients: list[str | None], settings: Settings
+) -> None:
+    new = client.post("/encode", content=photo).json()
+    with closing(sqlite3.connect(settings.database_url.removeprefix("sqlite:///"))) as connection, connection:
+        connection.execute("UPDATE objects SET frame = NULL")
+    clients.clear()
+    assert client.post("/encode", content=photo).json() == new
+    assert clients == ["127.0.0.1"] * 3  # image, upload, points of the box

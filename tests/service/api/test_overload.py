@@ -244,4 +244,4 @@ def test_service_under_load_keeps_its_thread_limit(model_path: Path) -> None:
             assert client.get(item["links"]["points"], params={"n": 20_000}).status_code == 200
             return threads(pid)
 
-        assert max(pool.map(visit, range(64))) <= 8 + 4 * 2  # as the README says
+        assert max(pool.map(visit, range(64))) <= 8 + 4 * 2  # as docs/operations.md says
