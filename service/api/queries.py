@@ -4,12 +4,12 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-from service.api.wire.labels import MAX_LABEL, clean_label
 from service.formats.precision import Dtype
 from service.formats.weights import WeightFormatName
 from service.mapping.spec import MAX_K
 from service.runtime.composition import Mode
 from service.runtime.options import EncodeOptions, MeshOptions, PathOptions, PictureOptions, PointOptions
+from service.storage.labels import MAX_LABEL, clean_label
 
 PointFormatName = Literal["ply", "npy", "xyz", "json", "glb", "gltf", "pcd", "f32", "f16"]
 MeshFormatName = Literal["glb", "gltf", "obj", "stl", "ply"]

@@ -9,13 +9,14 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from types import FrameType
-from typing import Final, get_args, get_origin
+from typing import Final, get_args
 
 from pydantic import BaseModel, ValidationError
 
 from service import __version__
 from service.api.keys import SCOPES, make_key
-from service.cli import files
+from service.cli import files, store
+from service.cli.flags import add_settings
 from service.encoding.framing import Background
 from service.errors import HofError
 from service.formats.mesh.registry import MESH_FORMATS
@@ -80,11 +81,11 @@ def _parser() -> argparse.ArgumentParser:
     stages = parser.add_subparsers(required=True, metavar="COMMAND")
 
     serve = stages.add_parser("serve", help="start the HTTP service", description=_serve.__doc__)
-    _add_settings(serve)
+    add_settings(serve)
     serve.set_defaults(run=_serve)
 
     doctor = stages.add_parser("doctor", help="check this installation", description=_doctor.__doc__)
-    _add_settings(doctor)
+    add_settings(doctor)
     doctor.set_defaults(run=_doctor)
 
     key = stages.add_parser("key", help="create an API key", description=_key.__doc__)
@@ -93,6 +94,8 @@ def _parser() -> argparse.ArgumentParser:
     key.set_defaults(run=_key)
 
     _add_commands(stages)
+
+    store.add_stages(stages.add_parser("store", help="export, import and copy the objects of a database"))
 
     openapi = stages.add_parser("openapi", help="print the API's schema", description=_openapi.__doc__)
     openapi.set_defaults(run=_openapi)
@@ -111,7 +114,7 @@ def _add_commands(stages: "argparse._SubParsersAction[argparse.ArgumentParser]")
         type=float,
         help="share of the input that the object fills, 0.1 to 1; default: the model's",
     )
-    _add_settings(encode, only={"model", "matting_model", "max_image_pixels", "threads"})
+    add_settings(encode, only={"model", "matting_model", "max_image_pixels", "threads"})
     encode.set_defaults(run=files.encode)
 
     sample = stages.add_parser("sample", help="turn a weights file into points", description=files.sample.__doc__)
@@ -149,21 +152,6 @@ def _add_path(stage: argparse.ArgumentParser) -> None:
     _add_output(stage, [fmt.extension for fmt in PATH_FORMATS.values()])
     _add_fields(stage, PathOptions, ["cells", "clearance", "scale", "frame"])
     stage.set_defaults(run=files.path)
-
-
-def _add_settings(parser: argparse.ArgumentParser, only: set[str] | None = None) -> None:
-    """Add a flag for each field of Settings; pydantic parses and checks the values."""
-    for name, field in Settings.model_fields.items():
-        if only is None or name in only:
-            default = "" if field.default_factory or field.default is None else f"; default: {field.default}"
-            parser.add_argument(
-                f"--{name.replace('_', '-')}",
-                dest=name,
-                action="append" if get_origin(field.annotation) is tuple else "store",
-                default=argparse.SUPPRESS,
-                metavar=name.rsplit("_", 1)[-1].upper(),
-                help=f"{field.description}{default} [HOF_{name.upper()}]".replace("%", "%%"),
-            )
 
 
 def _add_output(parser: argparse.ArgumentParser, suffixes: list[str]) -> None:

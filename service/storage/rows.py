@@ -4,10 +4,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
-from sqlalchemy import Connection, Row
+from sqlalchemy import Connection, Row, func, select
 
 from service.encoding.estimates import Estimates
 from service.encoding.report import ImageReport
@@ -22,6 +22,9 @@ HEADER: Final = [
     objects.c.photo.is_not(None).label("has_photo"),
 ]
 WHOLE: Final = [*HEADER, objects.c.theta, objects.c.color]
+ALL: Final = [*WHOLE, objects.c.photo]
+BATCH_ROWS: Final = 512
+BATCH_BYTES: Final = 16 * 2**20  # of functions and photos; one object may have more
 
 
 @dataclass(frozen=True)
@@ -79,6 +82,20 @@ class Details:
         return values
 
 
+class Entry(NamedTuple):
+    """A row of the table: an object with its own functions.
+
+    seq : its place in the list, from 1; 0 if it is not from a store.
+    functions : None for a composed object, which has those of its members.
+    photo : thumbnail of its photo, a file; None without one.
+    """
+
+    seq: int
+    record: Record
+    functions: Functions | None
+    photo: bytes | None = None
+
+
 def insert_all(
     connection: Connection, pairs: Sequence[tuple[Record, Functions | None]], photos: Mapping[str, bytes]
 ) -> None:
@@ -111,6 +128,21 @@ def _insert(connection: Connection, record: Record, functions: Functions | None,
         connection.execute(uses.insert(), pairs)
 
 
+def next_entries(connection: Connection, after: int, last: int) -> list[Entry]:
+    """Return the next objects after a `seq` (`Store.entries`)."""
+    large = (objects.c.theta, objects.c.color, objects.c.photo)
+    theta, color, photo = (func.coalesce(func.length(column), 0) for column in large)
+    query = select(objects.c.seq, (theta + color + photo).label("size")).order_by(objects.c.seq).limit(BATCH_ROWS)
+    bytes_left, end = BATCH_BYTES, after
+    for row in connection.execute(query.where(objects.c.seq > after, objects.c.seq <= last)).all():
+        bytes_left -= row.size
+        if bytes_left < 0 and end > after:
+            break
+        end = row.seq
+    whole = select(*ALL).where(objects.c.seq > after, objects.c.seq <= end).order_by(objects.c.seq)
+    return [entry_of(row) for row in connection.execute(whole)]
+
+
 _spec = lru_cache(CACHED_SPECS)(MappingSpec.from_json)
 
 
@@ -136,6 +168,12 @@ def record_of(row: Row[Any]) -> Record:
         row.label,
         row.has_photo,
     )
+
+
+def entry_of(row: Row[Any]) -> Entry:
+    """Return the object in a row of `ALL`."""
+    record = record_of(row)
+    return Entry(row.seq, record, None if record.kind == "composed" else functions_of(row), row.photo)
 
 
 def functions_of(row: Row[Any]) -> Functions:

@@ -6,7 +6,7 @@ The function of an object never changes once written; its label may.
 import asyncio
 import logging
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any, Final
 
@@ -15,12 +15,23 @@ from sqlalchemy.exc import IntegrityError
 
 from service.errors import InUse, NotFound, StoreUnavailable, UnreachableStore
 from service.mapping.frame import Frame
-from service.mapping.spec import Functions, joined
+from service.mapping.spec import Functions, MappingSpec, joined
 from service.settings import DATABASE_CONNECTIONS, DATABASE_TIMEOUT_S
 from service.storage.cursors import decode_cursor, encode_cursor
 from service.storage.database import connect, objects, uses
 from service.storage.faults import domain_error, reason_of, too_busy
-from service.storage.rows import HEADER, WHOLE, Record, functions_of, insert_all, record_of
+from service.storage.rows import (
+    ALL,
+    HEADER,
+    WHOLE,
+    Entry,
+    Record,
+    entry_of,
+    functions_of,
+    insert_all,
+    next_entries,
+    record_of,
+)
 from service.storage.transactions import Database, R, Work
 
 logger: Final = logging.getLogger("hof")
@@ -179,6 +190,36 @@ class Store:
         rows = await self._run(lambda connection: connection.execute(query).all())
         more = len(rows) > limit
         return [record_of(row) for row in rows[:limit]], encode_cursor(rows[limit - 1].seq) if more else None
+
+    async def count(self) -> int:
+        """Return the number of objects."""
+        query = select(func.count()).select_from(objects)
+        return await self._run(lambda connection: connection.execute(query).scalar_one())
+
+    async def last_seq(self) -> int:
+        """Return the `seq` of the newest object; 0 without objects."""
+        query = select(func.coalesce(func.max(objects.c.seq), 0))
+        return await self._run(lambda connection: connection.execute(query).scalar_one())
+
+    async def specs(self, last: int) -> tuple[set[MappingSpec], set[MappingSpec]]:
+        """Return the specs of the objects up to a `seq` that have a theta, and those of their colors."""
+        kept = objects.c.seq <= last, objects.c.kind != "composed"
+        spec, color = (select(column).where(*kept).distinct() for column in (objects.c.spec, objects.c.color_spec))
+        texts = await self._run(lambda connection: connection.execute(spec).scalars().all())
+        colors = await self._run(lambda connection: connection.execute(color).scalars().all())
+        return {MappingSpec.from_json(text) for text in texts}, {MappingSpec.from_json(text) for text in colors if text}
+
+    async def entries(self, after: int, last: int) -> list[Entry]:
+        """Return the next objects whose `seq` is above `after`, up to `last`, oldest first; at most `BATCH_ROWS`.
+
+        Their functions and photos have at most `BATCH_BYTES`, or there is only one object.
+        """
+        return await self._run(partial(next_entries, after=after, last=last))
+
+    async def entries_of(self, ids: Iterable[str]) -> list[Entry]:
+        """Return the objects that exist among `ids`, oldest first."""
+        query = select(*ALL).where(objects.c.id.in_(list(ids))).order_by(objects.c.seq)
+        return await self._run(lambda connection: [entry_of(row) for row in connection.execute(query)])
 
     async def delete(self, object_id: str) -> None:
         """Delete an object.

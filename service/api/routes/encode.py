@@ -17,7 +17,6 @@ from service.api.queries import EncodeQuery
 from service.api.responses.errors import BINARY, BODY_STALLED, NO_SPACE, OBJECT_LOCATION, OVERLOADED, Problem, Responses
 from service.api.responses.objects import EncodedObject, EncodedWeights
 from service.api.wire.disconnects import while_connected
-from service.api.wire.labels import MAX_LABEL
 from service.api.wire.uploads import Photo, read_photo
 from service.encoding.encoder import Encoded, Encoder
 from service.encoding.framing import Framed, preprocess
@@ -28,6 +27,7 @@ from service.mapping.spec import Functions
 from service.runtime.frames import complete_record
 from service.runtime.parts import Runtime
 from service.storage.ids import encoded_id
+from service.storage.labels import MAX_LABEL
 from service.storage.rows import Details, Record
 
 router = APIRouter()

@@ -6,9 +6,9 @@ from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import Field, File, FormParser, parse_options_header
 from starlette.requests import ClientDisconnect, Request
 
-from service.api.wire.labels import clean_label
 from service.errors import InvalidInput, InvalidParameter, TooLarge
 from service.runtime.admission import Admitted, ClientLeft
+from service.storage.labels import clean_label
 
 MAX_DELIMITERS: Final = 64  # of a form; a form of two fields has three
 MAX_PADDING: Final = 64  # spaces and tabs after a delimiter; nobody sends any

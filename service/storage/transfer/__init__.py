@@ -1,0 +1,1 @@
+"""Whole stores: copies between databases, and Parquet files."""
