@@ -20,6 +20,8 @@ from service.storage.rows import Entry, Record
 from service.storage.transfer.content import check_entry, digest_of
 
 NUMBERS: Final = ("theta", "color")
+OF_RECORD: Final = ("id", "kind", "model", "created_at", "members", "label")
+OF_IMAGE: Final = ("mask", "box", "confidence", "width", "height")
 REQUIRED: Final = ("id", "kind", "model", "spec", "created_at", "theta")
 
 
@@ -105,8 +107,7 @@ def _values(item: Item) -> dict[str, Any]:
         return values
     _, record, functions, photo = item.entry
     values["photo"] = photo
-    names = ("id", "kind", "model", "created_at", "members", "label")
-    values |= {name: getattr(record, name) for name in names}
+    values |= {name: getattr(record, name) for name in OF_RECORD}
     values |= {"spec": record.spec.to_json(), "digest": digest_of(record, functions)}
     if functions:
         values |= {"theta": functions.theta, "color": functions.color.weights if functions.color else None}
@@ -115,8 +116,7 @@ def _values(item: Item) -> dict[str, Any]:
     if record.frame:
         values |= {"frame": [*record.frame.low, *record.frame.high], "dimensions": record.frame.dimensions}
     if record.image:
-        names = ("mask", "box", "confidence", "width", "height")
-        values |= {name: getattr(record.image, name) for name in names}
+        values |= {name: getattr(record.image, name) for name in OF_IMAGE}
     return values | {"estimates": record.estimates.to_json() if record.estimates else None}
 
 
