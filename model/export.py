@@ -178,14 +178,14 @@ def _heads_to_onnx(heads: EstimateHeads, encoder: InnerEncoder) -> onnx.ModelPro
 def _append(graph: onnx.GraphProto, heads: onnx.ModelProto, tensors: Mapping[str, str]) -> None:
     """Append the graph of heads; its inputs become the encoder's inner tensors, its other names get a prefix."""
 
-    def renamed(name: str) -> str:
+    def rename(name: str) -> str:
         return tensors.get(name) or (name if name in ("", *OUTPUTS) else HEADS + name)
 
     for initializer in heads.graph.initializer:
-        initializer.name = renamed(initializer.name)
+        initializer.name = rename(initializer.name)
         graph.initializer.append(initializer)
     for node in heads.graph.node:
-        names = [renamed(name) for name in node.input], [renamed(name) for name in node.output]
+        names = [rename(name) for name in node.input], [rename(name) for name in node.output]
         node.name = HEADS + node.output[0]  # names must differ; casts have none
         del node.input[:], node.output[:]
         node.input.extend(names[0])

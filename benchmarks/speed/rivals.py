@@ -69,7 +69,7 @@ def onnxruntime(network: Network, tile: int) -> Evaluate:
         result: Array = session.run(None, {"x": points})[0]
         return result
 
-    return _tiled(run, tile)
+    return _tile(run, tile)
 
 
 def torch_eager(network: Network, tile: int) -> Evaluate:
@@ -81,7 +81,7 @@ def torch_eager(network: Network, tile: int) -> Evaluate:
         result: Array = forward(torch.from_numpy(points)).numpy()
         return result
 
-    return _tiled(run, tile)
+    return _tile(run, tile)
 
 
 def torch_compiled(network: Network, tile: int) -> Evaluate:
@@ -95,7 +95,7 @@ def torch_compiled(network: Network, tile: int) -> Evaluate:
         result: Array = forward(torch.from_numpy(points)).numpy()
         return result
 
-    return _tiled(_padded(run, tile), tile)
+    return _tile(_pad(run, tile), tile)
 
 
 def jax_jit(network: Network, tile: int) -> Evaluate:
@@ -113,7 +113,7 @@ def jax_jit(network: Network, tile: int) -> Evaluate:
         return y
 
     compiled = jax.jit(forward)
-    return _tiled(_padded(lambda points: np.asarray(compiled(points)), tile), tile)
+    return _tile(_pad(lambda points: np.asarray(compiled(points)), tile), tile)
 
 
 RIVALS: Final[dict[str, Make]] = {
@@ -125,7 +125,7 @@ RIVALS: Final[dict[str, Make]] = {
 }
 
 
-def _tiled(run: Evaluate, tile: int) -> Evaluate:
+def _tile(run: Evaluate, tile: int) -> Evaluate:
     def evaluate(points: Array) -> Array:
         parts = [run(points[start : start + tile]) for start in range(0, len(points), tile)]
         return np.concatenate(parts)
@@ -133,7 +133,7 @@ def _tiled(run: Evaluate, tile: int) -> Evaluate:
     return evaluate
 
 
-def _padded(run: Evaluate, tile: int) -> Evaluate:
+def _pad(run: Evaluate, tile: int) -> Evaluate:
     """Pad the points so that every call has `tile` of them, for compilers."""
 
     def evaluate(points: Array) -> Array:

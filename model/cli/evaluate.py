@@ -137,7 +137,7 @@ def _mixtures(arguments: argparse.Namespace) -> None:
 
 
 def _surfaces(arguments: argparse.Namespace) -> None:
-    from model.evaluation.paths import SURFACES
+    from model.evaluation.locations import SURFACES
     from model.evaluation.surfaces import measure_surfaces
     from model.report.surfaces import section
 

@@ -107,7 +107,7 @@ def _training(arguments: argparse.Namespace, observations: "Observations", confi
 
 def _estimates(arguments: argparse.Namespace) -> None:
     from model.evaluation.estimates.trials import measure_estimates
-    from model.evaluation.paths import ESTIMATES
+    from model.evaluation.locations import ESTIMATES
     from model.report.estimates import draw_reliability, section
 
     trials = measure_estimates(arguments.model, arguments.data, arguments.others, arguments.split, arguments.seed)

@@ -167,7 +167,7 @@ def _sampler(encoder: Encoder, case: Case) -> Sampler:
 
 
 def _points_trial(samplers: Sequence[Sampler], objects: Sequence[Case]) -> Trial:
-    timed = [_timed(sampler.points, PREDICTED_POINTS) for sampler in samplers]
+    timed = [_time(sampler.points, PREDICTED_POINTS) for sampler in samplers]
     figures = [compare(points, case.points) for (points, _), case in zip(timed, objects, strict=True)]
     return Trial(CLOUD, _columns(figures), [], [], [ms for _, ms in timed])
 
@@ -176,7 +176,7 @@ def _trial(way: str, make: Way, samplers: Sequence[Sampler], objects: Sequence[C
     make(samplers[0])  # warm up: imports and caches
     figures, closed, triangles, times = [], [], [], []
     for sampler, case in tqdm(list(zip(samplers, objects, strict=True)), desc=way, unit="object"):
-        (vertices, corners), ms = _timed(make, sampler)
+        (vertices, corners), ms = _time(make, sampler)
         mesh = trimesh.Trimesh(vertices, corners, process=False)
         points, _ = trimesh.sample.sample_surface(mesh, PREDICTED_POINTS, seed=seed)
         figures.append(compare(points.astype(np.float32), case.points))
@@ -186,7 +186,7 @@ def _trial(way: str, make: Way, samplers: Sequence[Sampler], objects: Sequence[C
     return Trial(way, _columns(figures), closed, triangles, times)
 
 
-def _timed(call: Callable[..., Any], *arguments: object) -> tuple[Any, float]:
+def _time(call: Callable[..., Any], *arguments: object) -> tuple[Any, float]:
     """Return the result of a call, and its CPU milliseconds."""
     started = time.process_time()
     result = call(*arguments)

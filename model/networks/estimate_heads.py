@@ -54,7 +54,7 @@ class EstimateHeads(nn.Module):
 
     def forward(self, *tensors: Tensor) -> tuple[Tensor, Tensor]:
         """Inner tensors in the order of `names` -> (b, 1), (b, 4)."""
-        inputs = self.normalized(pooled(tensors))
+        inputs = self.normalize(pool(tensors))
         narrow = self.narrow(inputs)
         logits = torch.stack([member(narrow) for member in self.confidences]).mean(dim=0)
         confidence = torch.sigmoid(self.calibration[0] + self.calibration[1] * logits)
@@ -70,7 +70,7 @@ class EstimateHeads(nn.Module):
         self.mean.copy_(inputs.mean(dim=0))
         self.spread.copy_(inputs.std(dim=0).clamp(min=SPREAD))
 
-    def normalized(self, inputs: Tensor) -> Tensor:
+    def normalize(self, inputs: Tensor) -> Tensor:
         """Return pooled inputs (b, inputs) in standard deviations, clipped."""
         return ((inputs - self.mean) / self.spread).clamp(-CLIP, CLIP)
 
@@ -80,7 +80,7 @@ class EstimateHeads(nn.Module):
         return torch.cat([part for name, part in parts if name not in FLAT], dim=1)
 
 
-def pooled(tensors: Sequence[Tensor]) -> Tensor:
+def pool(tensors: Sequence[Tensor]) -> Tensor:
     """Return vectors (b, d) as they are, maps (b, c, h, w) as their means and largest values, side by side."""
     parts = []
     for tensor in tensors:

@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from model.evaluation.estimates.trials import EstimateTrials, Sightings
 from model.evaluation.evaluate import VIEWS
-from model.evaluation.paths import ESTIMATES
+from model.evaluation.locations import ESTIMATES
 from model.networks.observations import SYMMETRIC
 from model.report.tables import table
 

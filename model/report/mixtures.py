@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from model.data.manifest import Split
+from model.evaluation.locations import MIXTURES
 from model.evaluation.mixtures import (
     AVERAGE,
     CLOUD_POINTS,
@@ -17,7 +18,6 @@ from model.evaluation.mixtures import (
     measure,
     mixed_words,
 )
-from model.evaluation.paths import MIXTURES
 from model.metrics import interval
 from model.report.tables import spread, table
 from service.drawing.words import rows_of_words
@@ -101,7 +101,7 @@ def _differences(mixtures: Mixtures) -> str:
     for name, chosen in (("all", in_class | True), ("within a class", in_class), ("across classes", ~in_class)):
         if chosen.any():
             gaps = [interval(gap[chosen]) for gap in (average - words, words - parents, average - parents)]
-            rows.append([name, str(chosen.sum()), *map(_marked, gaps)])
+            rows.append([name, str(chosen.sum()), *map(_mark, gaps)])
     return table(["pairs", "number", "average minus words", "words minus objects", "average minus objects"], rows)
 
 
@@ -127,5 +127,5 @@ def _side(gap: tuple[float, float, float]) -> str:
     return "farther" if gap[1] > 0 else "nearer" if gap[2] < 0 else "as far"
 
 
-def _marked(gap: tuple[float, float, float]) -> str:
+def _mark(gap: tuple[float, float, float]) -> str:
     return f"**{spread(gap, '+')}**" if _side(gap) != "as far" else spread(gap, "+")

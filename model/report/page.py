@@ -8,7 +8,7 @@ from model.evaluation.compared import COMPARED
 from model.evaluation.comparison import ELLIPSOID, ORACLE, RETRIEVAL
 from model.evaluation.conditions import FREE_VIEWS
 from model.evaluation.evaluate import PREDICTED_POINTS, VIEWS, Evaluation
-from model.evaluation.paths import RESULTS
+from model.evaluation.locations import RESULTS
 from model.evaluation.records import Decoder, Record
 from model.report import tables
 from model.report.sheets import SHOWN, SHOWN_PER_CLASS

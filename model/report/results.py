@@ -10,7 +10,7 @@ from model.evaluation.color import color_record
 from model.evaluation.comparison import COUNTS, encoder_record, references
 from model.evaluation.conditions import CONDITIONS
 from model.evaluation.evaluate import Case, cases
-from model.evaluation.paths import COLOR, COMPARED, RESULTS, SURFACES
+from model.evaluation.locations import COLOR, COMPARED, RESULTS, SURFACES
 from model.evaluation.records import Record
 from model.evaluation.surfaces import Trials
 from model.evaluation.timing import encoder_ms

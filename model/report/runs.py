@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from model.evaluation.comparison import ORACLE
-from model.evaluation.paths import RUNS
+from model.evaluation.locations import RUNS
 from model.evaluation.records import Record
 from model.metrics import NAMES, interval
 from model.report.tables import find, loss, spread, table

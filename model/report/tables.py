@@ -54,11 +54,11 @@ def differences(evaluations: Sequence[Evaluation], method: str) -> str:
 def per_class(evaluations: Sequence[Evaluation], methods: Sequence[str], classes: Sequence[str]) -> str:
     """Return the table of summed cd_epcg, F@1% and F@2% of methods by class, then both means over all objects."""
     chosen = [find(evaluations, method) for method in methods]
-    columns = [summed(evaluation) for evaluation in chosen]
+    columns = [sum_directions(evaluation) for evaluation in chosen]
     columns += [evaluation.column(name) for name in ("f@1%", "f@2%") for evaluation in chosen]
     labels = np.array(classes)
     rows = []
-    for name in _ordered(classes):
+    for name in _sort(classes):
         here = labels == name
         rows.append([name, str(here.sum()), *(f"{column[here].mean():.3f}" for column in columns)])
     count = str(len(classes))
@@ -101,7 +101,7 @@ def card_table(evaluations: Sequence[Evaluation]) -> str:
     )
 
 
-def summed(evaluation: Evaluation) -> Values:
+def sum_directions(evaluation: Evaluation) -> Values:
     """Return cd_epcg, both directions summed, (objects,)."""
     total: Values = evaluation.column("cd_forward") + evaluation.column("cd_backward")
     return total
@@ -119,7 +119,7 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
-def _ordered(classes: Sequence[str]) -> list[str]:
+def _sort(classes: Sequence[str]) -> list[str]:
     """Sort classes: everyday furniture first, then the others by name, OTHER last."""
     present = set(classes)
     first = [name for name in EVERYDAY if name in present]

@@ -41,7 +41,7 @@ def load_network(checkpoint: Path) -> tuple[nn.Module, TrainConfig, dict[str, An
     ValueError : no checkpoint, or an ONNX file without a config in its card or without all weights by name.
     """
     if checkpoint.suffix == ".onnx":
-        return _exported(checkpoint)
+        return _read_exported(checkpoint)
     try:
         saved = load_checkpoint(checkpoint)
         config, weights = TrainConfig.from_dict(saved["config"]), saved["average"]
@@ -53,7 +53,7 @@ def load_network(checkpoint: Path) -> tuple[nn.Module, TrainConfig, dict[str, An
     return network.eval(), config, {key: before[key] + saved[key] for key in ("step", "elapsed_s")}
 
 
-def _exported(file: Path) -> tuple[nn.Module, TrainConfig, dict[str, Any]]:
+def _read_exported(file: Path) -> tuple[nn.Module, TrainConfig, dict[str, Any]]:
     """Return the network that an ONNX file was exported from, by its weights and card."""
     import onnx  # not needed by runs from checkpoints, on machines that have neither
     from onnx import numpy_helper

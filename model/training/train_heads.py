@@ -14,7 +14,7 @@ import torch.nn.functional as nnf
 from torch import Tensor, nn
 
 from model.config import HeadsConfig
-from model.networks.estimate_heads import BINS, REST, EstimateHeads, pooled
+from model.networks.estimate_heads import BINS, REST, EstimateHeads, pool
 from model.networks.observations import TURNS_DEG, Observations
 
 Rows = npt.NDArray[np.int64]
@@ -35,13 +35,13 @@ def train_heads(observations: Observations, config: HeadsConfig) -> EstimateHead
     sizes = {name: array.shape[1:] for name, array in observations.inner.items()}
     heads = EstimateHeads(sizes, config.members)
     tensors = [torch.from_numpy(array.astype(np.float32)) for array in observations.inner.values()]
-    inputs = pooled(tensors)
+    inputs = pool(tensors)
     scored = np.flatnonzero(~np.isnan(observations.scores))
     posed = np.flatnonzero(~np.isnan(observations.cameras[:, 1]))
     if not len(scored) or not len(posed):
         raise ValueError("there is nothing to learn from: no object that the encoder was not trained on, or no camera")
     heads.normalize_by(inputs[posed])
-    inputs = heads.normalized(inputs)
+    inputs = heads.normalize(inputs)
     _train_confidences(heads, heads.narrow(inputs), observations, scored, config)
     _train_cameras(heads, inputs, observations, posed, config)
     return heads.eval()

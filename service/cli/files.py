@@ -28,7 +28,7 @@ from service.mapping.box import measure
 from service.mapping.color import ColorSampler
 from service.mapping.frame import Frame
 from service.mapping.sampler import Sampler
-from service.mapping.spec import Functions, MappingSpec, joined
+from service.mapping.spec import Functions, MappingSpec, join_functions
 from service.runtime.composition import Member, check_members
 from service.runtime.cost import check_size
 from service.runtime.options import EncodeOptions, MeshOptions, PathOptions, PointOptions
@@ -125,7 +125,7 @@ def compose(arguments: argparse.Namespace) -> None:
     if as_picture:
         _write_sheet(arguments, word[0].spec, [each.functions for each in word])
     else:
-        functions = joined([each.functions for each in word])
+        functions = join_functions([each.functions for each in word])
         _write_points(arguments, word[0].spec, functions, measure(word[0].spec, functions.theta))
 
 
@@ -241,7 +241,7 @@ def _write_sheet(arguments: argparse.Namespace, spec: MappingSpec, letters: Sequ
         raise InvalidParameter(f"scale is {options.scale:g}; a picture has no scale, leave it out", field="scale")
 
     def cell(word: str) -> Cell:
-        functions = joined([letters["AB".index(letter)] for letter in word])
+        functions = join_functions([letters["AB".index(letter)] for letter in word])
         spelled, n, seed, sampling = spec.with_k(len(word)), options.n, options.seed, options.sampling
         frame = measure(spelled, functions.theta) if options.frame == "object" else None
         sampler = Sampler(spelled, tuple(functions.theta), frame)

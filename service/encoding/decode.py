@@ -19,7 +19,7 @@ from PIL.WebPImagePlugin import WebPImageFile
 from service.encoding.containers import avif, boxes, heic, jpeg, png, webp
 from service.encoding.containers.container import Container
 from service.encoding.containers.exif import orientation_of
-from service.encoding.pixels import WORK_SIDE, narrowed, upright_rgb, with_alpha_of
+from service.encoding.pixels import WORK_SIDE, narrow, upright_rgb, with_alpha_of
 from service.errors import CorruptImage, TooLarge, UnsupportedMedia
 
 DEFAULT_MAX_PIXELS: Final = 32_000_000
@@ -160,13 +160,13 @@ def _pixels(
     """
     file = _open(kind, container, max_pixels, stop, TAILS[0] if container.is_cut else b"")
     info = {**file.info, "size": file.size}
-    image = _loaded(file, container, max_pixels)
+    image = _load(file, container, max_pixels)
     if container.is_cut:
-        other = _loaded(_open(kind, container, max_pixels, stop, TAILS[1]), container, max_pixels)
+        other = _load(_open(kind, container, max_pixels, stop, TAILS[1]), container, max_pixels)
         if ImageChops.difference(image, other).getbbox() is not None:
             raise CorruptImage("the image is truncated", field="image")
     if image.mode.startswith("I"):
-        image = narrowed(image, container.color_key)
+        image = narrow(image, container.color_key)
     elif container.color_key:
         low = None
         if container.depth == 16:
@@ -204,7 +204,7 @@ def _check_size(kind: _Type, size: tuple[int, int], max_pixels: int) -> None:
         )
 
 
-def _loaded(file: ImageFile.ImageFile, container: Container, max_pixels: int) -> Image.Image:
+def _load(file: ImageFile.ImageFile, container: Container, max_pixels: int) -> Image.Image:
     """Decode the pixels, to 8 bits. Raises TooLarge for more memory than the limit in pixels stands for."""
     if isinstance(file, JpegImageFile):
         _reduce(file, max_pixels)

@@ -42,7 +42,7 @@ def reduction(size: tuple[int, int]) -> int:
     return max(1, -(-max(size) // WORK_SIDE))
 
 
-def narrowed(image: Image.Image, color_key: ColorKey | None) -> Image.Image:
+def narrow(image: Image.Image, color_key: ColorKey | None) -> Image.Image:
     """Convert 16-bit gray to 8 bits, which Pillow would clip; to LA if a transparent value is given."""
     gray = np.empty((image.height, image.width), np.uint8)
     alpha = np.empty_like(gray) if color_key else None

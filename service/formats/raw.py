@@ -22,7 +22,7 @@ def float16(points: Array) -> bytes:
     return np.clip(points, -FLOAT16_MAX, FLOAT16_MAX).astype("<f2").tobytes()
 
 
-def interleaved(numbers: Array, octets: Colors) -> bytes:
+def interleave(numbers: Array, octets: Colors) -> bytes:
     """Write rows of float32, (m, a), each followed by its row of uint8, (m, b), in (4 a + b) m bytes."""
     size = 4 * numbers.shape[1]
     rows = np.empty((len(numbers), size + octets.shape[1]), np.uint8)

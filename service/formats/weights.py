@@ -154,10 +154,10 @@ def load(data: bytes) -> Weights:
     color_spec = _color_spec(metadata["color_spec"], spec) if "color_spec" in metadata else None
     dtype = _dtype(header)
     arrays = tensors.read(header, payload, list(_tensors(spec, color_spec, bool(word), dtype)))
-    color = Color(color_spec, _restored("color", color_spec, arrays)) if color_spec else None
+    color = Color(color_spec, _from_tensors("color", color_spec, arrays)) if color_spec else None
     frame = Frame.from_json(metadata["frame"]) if "frame" in metadata else None
     loss = _loss(metadata["loss"]) if "loss" in metadata else None
-    return Weights(spec, _restored("theta", spec, arrays), model, word, color, frame, dtype, loss)
+    return Weights(spec, _from_tensors("theta", spec, arrays), model, word, color, frame, dtype, loss)
 
 
 def _color_spec(text: object, spec: MappingSpec) -> MappingSpec:
@@ -205,7 +205,7 @@ def _types(name: str, spec: MappingSpec, rows: list[int], dtype: Dtype) -> Tenso
     return scales | {name: (TYPES[dtype], [*rows, spec.size])}
 
 
-def _stored(name: str, spec: MappingSpec, weights: Array, dtype: Dtype) -> dict[str, Stored]:
+def _to_tensors(name: str, spec: MappingSpec, weights: Array, dtype: Dtype) -> dict[str, Stored]:
     """Return the tensors of a function in a file."""
     match dtype:
         case "float32":
@@ -217,7 +217,7 @@ def _stored(name: str, spec: MappingSpec, weights: Array, dtype: Dtype) -> dict[
             return {f"{name}_scales": scales, name: numbers}
 
 
-def _restored(name: str, spec: MappingSpec, arrays: Mapping[str, Stored]) -> Array:
+def _from_tensors(name: str, spec: MappingSpec, arrays: Mapping[str, Stored]) -> Array:
     """Return the float32 weights that tensors of a file stand for."""
     scales = arrays.get(f"{name}_scales")
     return arrays[name].astype(np.float32) if scales is None else from_int8(spec, arrays[name], scales)
@@ -225,13 +225,13 @@ def _restored(name: str, spec: MappingSpec, arrays: Mapping[str, Stored]) -> Arr
 
 def _dump_safetensors(weights: Weights) -> bytes:
     spec, metadata = weights.spec, weights.labels
-    arrays = _stored("theta", spec, weights.theta, weights.dtype)
+    arrays = _to_tensors("theta", spec, weights.theta, weights.dtype)
     if weights.dtype != "float32" and weights.frame:
-        loss = loss_of(spec, weights.theta, _restored("theta", spec, arrays), weights.frame)
+        loss = loss_of(spec, weights.theta, _from_tensors("theta", spec, arrays), weights.frame)
         metadata |= {"loss": json.dumps(asdict(loss), separators=(",", ":"))}
     if weights.color:
         metadata |= {"color_spec": weights.color.spec.to_json()}
-        arrays |= _stored("color", weights.color.spec, weights.color.weights, weights.dtype)
+        arrays |= _to_tensors("color", weights.color.spec, weights.color.weights, weights.dtype)
     return tensors.pack(metadata, arrays)
 
 

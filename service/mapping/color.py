@@ -42,7 +42,7 @@ class ColorSampler:
         ------
         CorruptWeights : the functions' values exceed float32.
         """
-        return self._at(self._samplers[0].padded(x), len(x))
+        return self._at(self._samplers[0].pad(x), len(x))
 
     def _at(self, canonical: Canonical, n: int) -> Colors:
         """Average the functions at the n selected canonical points. Raises CorruptWeights."""

@@ -87,9 +87,9 @@ class Sampler:
         ------
         CorruptWeights : the function's values exceed float32.
         """
-        return self.at(self.padded(x), scale)
+        return self.at(self.pad(x), scale)
 
-    def padded(self, x: Array) -> Canonical:
+    def pad(self, x: Array) -> Canonical:
         """Pad any canonical points, (n, input_dim), to whole tiles: input for `at` of any sampler of the spec."""
         n, align = len(x), self._function.align
         whole = np.zeros((x.shape[1], -(-n // align) * align), np.float32)

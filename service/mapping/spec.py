@@ -158,7 +158,7 @@ class Functions:
     color: Color | None = None
 
 
-def joined(word: Sequence[Functions]) -> Functions:
+def join_functions(word: Sequence[Functions]) -> Functions:
     """Stack the functions of a word, in order, into those of the composed object. Their specs must be equal."""
     colors = [functions.color for functions in word if functions.color]
     color = Color(colors[0].spec, np.stack([each.weights for each in colors])) if colors else None

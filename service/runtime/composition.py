@@ -14,7 +14,7 @@ import numpy as np
 from service.errors import CorruptWeights, InvalidParameter
 from service.formats.weights import MAX_LABEL
 from service.mapping.box import examine
-from service.mapping.spec import Array, Color, Functions, MappingSpec, joined
+from service.mapping.spec import Array, Color, Functions, MappingSpec, join_functions
 from service.storage.ids import composed_id, interpolated_id
 from service.storage.rows import Record
 
@@ -53,7 +53,7 @@ class Proposal:
     @property
     def functions(self) -> Functions:
         """The functions of the object: its own, or those of its word."""
-        return self.own or joined(self.word)
+        return self.own or join_functions(self.word)
 
 
 def check_members(members: Sequence[Member], mode: Mode) -> None:
@@ -133,7 +133,7 @@ def examine_all(proposals: Sequence[Proposal]) -> list[Proposal]:
 
 def _mean_of(parents: Sequence[Functions]) -> Functions:
     """Average thetas, the paper's baseline for composition ("Object Interpolation"), and colors."""
-    every = joined(parents)
+    every = join_functions(parents)
     return Functions(_mean(every.theta), Color(every.color.spec, _mean(every.color.weights)) if every.color else None)
 
 

@@ -32,7 +32,7 @@ def path_of(spec: MappingSpec, functions: Functions, frame: Frame, options: Path
     center, unit = np.zeros(3), options.scale  # of the cube: 0 and 1 of the object frame
     if options.frame == "raw":
         center, unit = frame.center.astype(np.float64) * options.scale, frame.unit * options.scale
-    start, goal = (_placed(options, name, center, unit) for name in ("start", "goal"))
+    start, goal = (_place(options, name, center, unit) for name in ("start", "goal"))
     points = Sampler(spec, word_of(spec, functions.theta), frame).points(points_for(options.cells), sampling="sobol")
     path = plan(Grid.of(points, options.cells, options.clearance / unit), start, goal)
     if path.waypoints is None:
@@ -41,7 +41,7 @@ def path_of(spec: MappingSpec, functions: Functions, frame: Frame, options: Path
     return Path(np.concatenate([[options.start], between, [options.goal]]))
 
 
-def _placed(options: PathOptions, name: str, center: Floats, unit: float) -> list[float]:
+def _place(options: PathOptions, name: str, center: Floats, unit: float) -> list[float]:
     """Return start or goal in the object frame, longest side 1. Raises InvalidParameter if it is outside the cube."""
     point = getattr(options, name)
     placed = (np.array(point) - center) / unit

@@ -27,7 +27,7 @@ from service.settings import DATABASE_CONNECTIONS, DATABASE_TIMEOUT_S
 from service.storage import faults
 from service.storage.postgres import check_may_create, open_postgres
 from service.storage.postgres_url import PostgresUrl, parse_postgres
-from service.storage.sqlite import SqliteDatabase, check_file, expanded, open_sqlite
+from service.storage.sqlite import SqliteDatabase, check_file, expand, open_sqlite
 from service.storage.transactions import Database
 
 if TYPE_CHECKING:
@@ -108,7 +108,7 @@ def parse(url: str) -> Address:
         else:
             name = parsed.database or ""
             is_path = name not in ("", ":memory:") and not name.startswith("file:")
-            return Address(parsed, parsed.render_as_string(), expanded(name) if is_path else None)
+            return Address(parsed, parsed.render_as_string(), expand(name) if is_path else None)
     raise UnusableStore("invalid database URL; expected sqlite:///PATH or postgresql://USER:PASSWORD@HOST/NAME")
 
 

@@ -91,7 +91,7 @@ class SqliteDatabase:
         self._engine.dispose()
 
 
-def expanded(name: str) -> Path:
+def expand(name: str) -> Path:
     """Return the path of a database file, `~` replaced by the home folder. Raises UnusableStore if there is none."""
     path = Path(os.path.expanduser(name))  # Path.expanduser raises RuntimeError instead
     if path.parts[:1] == ("~",):
@@ -115,7 +115,7 @@ def open_sqlite(url: URL, *, unchanged: bool = False) -> SqliteDatabase:
     OSError : the file's folder cannot be created.
     """
     if url.database and not url.database.startswith("file:"):  # the user creates a URI's file
-        path = expanded(url.database)
+        path = expand(url.database)
         path.parent.mkdir(parents=True, exist_ok=True)
         if url.database != ":memory:":
             with contextlib.suppress(OSError):  # SQLite says it with a remedy

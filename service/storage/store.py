@@ -15,7 +15,7 @@ from sqlalchemy.exc import IntegrityError
 
 from service.errors import InUse, NotFound, StoreUnavailable, UnreachableStore
 from service.mapping.frame import Frame
-from service.mapping.spec import Functions, MappingSpec, joined
+from service.mapping.spec import Functions, MappingSpec, join_functions
 from service.settings import DATABASE_CONNECTIONS, DATABASE_TIMEOUT_S
 from service.storage.cursors import decode_cursor, encode_cursor
 from service.storage.database import connect, objects, uses
@@ -288,7 +288,7 @@ def _find(connection: Connection, object_id: str) -> tuple[Record, Functions] | 
     members = {each.id: functions_of(each) for each in connection.execute(query)}
     if members.keys() != set(record.members):
         return None  # the object and a member were deleted between the two queries
-    return record, joined([members[member] for member in record.members])
+    return record, join_functions([members[member] for member in record.members])
 
 
 def _remove_orphans(connection: Connection) -> None:

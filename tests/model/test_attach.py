@@ -10,7 +10,7 @@ import torch
 from model import cli
 from model.cli.common import SHIPPED
 from model.evaluation.estimates.trials import EstimateTrials
-from model.evaluation.paths import ESTIMATES
+from model.evaluation.locations import ESTIMATES
 from model.export import attach, export
 from model.networks.color_head import ColorHead, color_spec, look
 from model.networks.encoder import ImageEncoder

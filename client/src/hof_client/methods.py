@@ -40,7 +40,7 @@ def sending(build: Callable[P, Call[T]]) -> Callable[Concatenate[Sender, P], T]:
     def method(client: Sender, /, *args: P.args, **kwargs: P.kwargs) -> T:
         return client.send(build(*args, **kwargs))
 
-    return _described(method, build)
+    return _describe(method, build)
 
 
 def iterating(build: Callable[P, Stream[SizedT]]) -> Callable[Concatenate[Sender, P], Iterator[SizedT]]:
@@ -49,7 +49,7 @@ def iterating(build: Callable[P, Stream[SizedT]]) -> Callable[Concatenate[Sender
     def method(client: Sender, /, *args: P.args, **kwargs: P.kwargs) -> Iterator[SizedT]:
         return client.iterate(build(*args, **kwargs))
 
-    return _described(method, build)
+    return _describe(method, build)
 
 
 def awaiting(build: Callable[P, Call[T]]) -> Callable[Concatenate[AsyncSender, P], Awaitable[T]]:
@@ -58,7 +58,7 @@ def awaiting(build: Callable[P, Call[T]]) -> Callable[Concatenate[AsyncSender, P
     async def method(client: AsyncSender, /, *args: P.args, **kwargs: P.kwargs) -> T:
         return await client.send(build(*args, **kwargs))
 
-    return _described(method, build)
+    return _describe(method, build)
 
 
 def async_iterating(
@@ -69,13 +69,13 @@ def async_iterating(
     def method(client: AsyncSender, /, *args: P.args, **kwargs: P.kwargs) -> AsyncGenerator[SizedT, None]:
         return client.iterate(build(*args, **kwargs))
 
-    return _described(method, build)
+    return _describe(method, build)
 
 
 MethodT = TypeVar("MethodT", bound=Build)
 
 
-def _described(method: MethodT, build: Build) -> MethodT:
+def _describe(method: MethodT, build: Build) -> MethodT:
     """Give a method the name, the documentation, the signature and, as `__wrapped__`, the function it sends for."""
     signature = inspect.signature(build)
     self = inspect.Parameter("self", inspect.Parameter.POSITIONAL_ONLY)

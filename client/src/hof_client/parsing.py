@@ -38,16 +38,16 @@ def _parse(kind: Any, value: object, where: str) -> Any:  # noqa: ANN401
     if origin is tuple:
         return _parse_array(get_args(kind), value, where)
     if origin is np.ndarray:
-        return _floats(_checked(str, value, where), where)
+        return _floats(_check(str, value, where), where)
     if origin is Mapping:
-        return _checked(dict, value, where)
+        return _check(dict, value, where)
     if kind is datetime:
-        return datetime.fromisoformat(_checked(str, value, where))
-    return float(_checked((int, float), value, where)) if kind is float else _checked(kind, value, where)
+        return datetime.fromisoformat(_check(str, value, where))
+    return float(_check((int, float), value, where)) if kind is float else _check(kind, value, where)
 
 
 def _parse_members(kind: Any, value: object, where: str) -> Any:  # noqa: ANN401
-    members = _checked(dict, value, where)
+    members = _check(dict, value, where)
     values = {}
     for field, hint in _hints(kind).items():
         name = f"{where}.{field}".removeprefix(".")
@@ -60,7 +60,7 @@ def _parse_members(kind: Any, value: object, where: str) -> Any:  # noqa: ANN401
 
 def _parse_array(kinds: tuple[Any, ...], value: object, where: str) -> tuple[Any, ...]:
     """Return an array as a tuple: of any length for `tuple[X, ...]`, otherwise of the annotation's."""
-    items = _checked(list, value, where)
+    items = _check(list, value, where)
     if kinds[-1] is Ellipsis:
         kinds = kinds[:1] * len(items)
     if len(items) != len(kinds):
@@ -68,7 +68,7 @@ def _parse_array(kinds: tuple[Any, ...], value: object, where: str) -> tuple[Any
     return tuple(_parse(kind, item, f"{where}[{i}]") for i, (kind, item) in enumerate(zip(kinds, items, strict=True)))
 
 
-def _checked(kind: Any, value: object, where: str) -> Any:  # noqa: ANN401
+def _check(kind: Any, value: object, where: str) -> Any:  # noqa: ANN401
     if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
         raise ValueError(f"{where or 'the body'} has the type {type(value).__name__}")
     return value

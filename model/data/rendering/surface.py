@@ -59,16 +59,16 @@ def material_image(part: trimesh.Trimesh) -> Image.Image | None:
 def vertex_colors(part: trimesh.Trimesh) -> Bytes | None:
     """Return the colors of the part's vertices, (n, 3), which multiply its texture; None if it has none or one."""
     if part.visual.kind == "vertex":
-        return _varied(part.visual.vertex_colors)
-    return _varied(getattr(getattr(part.visual, "material", None), "kwargs", {}).get(TINT))
+        return _unless_uniform(part.visual.vertex_colors)
+    return _unless_uniform(getattr(getattr(part.visual, "material", None), "kwargs", {}).get(TINT))
 
 
 def face_colors(part: trimesh.Trimesh) -> Bytes | None:
     """Return the colors of the part's faces, (n, 3), or None if it has none or one."""
-    return _varied(part.visual.face_colors) if part.visual.kind == "face" else None
+    return _unless_uniform(part.visual.face_colors) if part.visual.kind == "face" else None
 
 
-def _varied(colors: Bytes | None) -> Bytes | None:
+def _unless_uniform(colors: Bytes | None) -> Bytes | None:
     """Return RGB colors, or None if all are the same: `material_color` returns that one."""
     if colors is None:
         return None

@@ -101,27 +101,27 @@ def check_folder(root: Path) -> None:
 
 def skipped_files(root: Path) -> str | None:
     """Return a sentence on archives and formats below `root` that are not read, or None."""
-    return _unread(path for path in root.rglob("*") if path.is_file())
+    return _describe_unread(path for path in root.rglob("*") if path.is_file())
 
 
 def _advice(paths: list[Path]) -> str:
     """Return what to do about a folder without meshes."""
-    return _unread(iter(paths)) or f"put {', '.join(MESH_SUFFIXES)} files there, or pass another folder"
+    return _describe_unread(iter(paths)) or f"put {', '.join(MESH_SUFFIXES)} files there, or pass another folder"
 
 
-def _unread(paths: Iterator[Path]) -> str | None:
+def _describe_unread(paths: Iterator[Path]) -> str | None:
     counts = Counter(path.suffix.lower() for path in paths)
     archives = {suffix: counts[suffix] for suffix in ARCHIVES if counts[suffix]}
     others = {suffix: counts[suffix] for suffix in OTHER_SUFFIXES if counts[suffix]}
     sentences = []
     if archives:
-        sentences.append(f"{_listed(archives)} not read, unpack them there")
+        sentences.append(f"{_list_counts(archives)} not read, unpack them there")
     if others:
-        sentences.append(f"{_listed(others)} not read, convert them to .glb")
+        sentences.append(f"{_list_counts(others)} not read, convert them to .glb")
     return "; ".join(sentences) or None
 
 
-def _listed(counts: dict[str, int]) -> str:
+def _list_counts(counts: dict[str, int]) -> str:
     total = sum(counts.values())
     return f"{', '.join(f'{count} {suffix}' for suffix, count in counts.items())} {'is' if total == 1 else 'are'}"
 

@@ -172,25 +172,25 @@ def random_views(known: KnownObject, views: int, rng: np.random.Generator) -> It
             cameras[:, 2] = RING_DISTANCE
         visible = [index for index, picture in enumerate(pictures) if (picture[..., 3] > 0).mean() > VISIBLE]
         for index in rng.permutation(visible)[: views // len(files)].tolist():
-            view = _changed(pictures[index], cameras[index], rng)
+            view = _change(pictures[index], cameras[index], rng)
             if not known.has_front:
                 view.camera[0] = np.nan
             yield view
 
 
-def _changed(rgba: Bytes, camera: Floats, rng: np.random.Generator) -> View:
+def _change(rgba: Bytes, camera: Floats, rng: np.random.Generator) -> View:
     """Return a view, mirrored or rolled at random."""
     azimuth, elevation, distance, roll = camera.tolist()
     if rng.random() < ROLLED_SHARE:
         by = float(rng.normal(0, ROLL_DEG))
-        rgba, roll = rolled(rgba, by), roll + by
+        rgba, roll = roll_view(rgba, by), roll + by
     mirrored = bool(rng.random() < 0.5)
     if mirrored:
         rgba, azimuth, roll = rgba[:, ::-1], -azimuth, -roll
     return View(rgba, np.array([azimuth, elevation, distance, roll], np.float32), mirrored)
 
 
-def rolled(rgba: Bytes, degrees: float) -> Bytes:
+def roll_view(rgba: Bytes, degrees: float) -> Bytes:
     """Return the view of a camera that is rolled clockwise by so many degrees: its image turns the other way."""
     premultiplied = Image.fromarray(rgba).convert("RGBa")
     turned = premultiplied.rotate(degrees, Image.Resampling.BILINEAR, expand=True)

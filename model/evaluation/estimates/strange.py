@@ -59,17 +59,17 @@ def motorcycle() -> list[trimesh.Trimesh]:
     for axle in (rear, front):
         wheel = trimesh.creation.torus(WHEEL - 0.05, 0.06)
         wheel.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [0, 1, 0], [0, 0, 0]))
-        parts.append(_painted(wheel.apply_translation(axle), dark))
+        parts.append(_paint(wheel.apply_translation(axle), dark))
     for start, end in ((front, steering), (rear, steering), (rear, np.array([0, 0.75, -0.4]))):
-        parts.append(_painted(trimesh.creation.cylinder(0.03, segment=[start, end]), gray))
+        parts.append(_paint(trimesh.creation.cylinder(0.03, segment=[start, end]), gray))
     bars = [np.array([x, 1.02, 0.35]) for x in (-0.4, 0.4)]
-    parts.append(_painted(trimesh.creation.cylinder(0.02, segment=bars), dark))
+    parts.append(_paint(trimesh.creation.cylinder(0.02, segment=bars), dark))
     for size, place, color in (
         ((0.28, 0.32, 0.4), (0, 0.45, 0.05), gray),
         ((0.26, 0.2, 0.45), (0, 0.82, 0.1), red),
         ((0.24, 0.08, 0.6), (0, 0.8, -0.45), dark),
     ):
-        parts.append(_painted(trimesh.creation.box(size).apply_translation(place), color))
+        parts.append(_paint(trimesh.creation.box(size).apply_translation(place), color))
     return _in_object_frame(parts)
 
 
@@ -83,7 +83,7 @@ def _in_object_frame(parts: list[trimesh.Trimesh]) -> list[trimesh.Trimesh]:
     return parts
 
 
-def _painted(mesh: trimesh.Trimesh, color: tuple[int, int, int, int]) -> trimesh.Trimesh:
+def _paint(mesh: trimesh.Trimesh, color: tuple[int, int, int, int]) -> trimesh.Trimesh:
     mesh.visual.face_colors = color
     return mesh
 

@@ -71,7 +71,7 @@ def measure_paths(model: Path, data: Path, split: Split, seed: int = 0, runs: Se
     FileNotFoundError : no data set, or no checkpoint.
     """
     encoder, objects = Encoder.open(model, threads=1), list(cases(data, split))
-    sources = [_references(data, seed), _encoded(encoder), *(_trained(run, seed) for run in runs)]
+    sources = [_references(data, seed), _predict(encoder), *(_predict_trained(run, seed) for run in runs)]
 
     def job(case: Case) -> Job:
         photo = png(case.views[VIEWS[0]])
@@ -111,11 +111,11 @@ def job_of(true: Floats, shapes: Mapping[str, Floats], seed: tuple[int, ...]) ->
 def navigate(job: Job) -> dict[str, tuple[float, float, float]]:
     """Return success, optimality (NaN without a success) and the share without a path, by method."""
     pairs = _pairs(job.truth, np.random.default_rng(job.seed))
-    shortest = [_moves(path) for path in _planned(job.truth, pairs, job.seed)]
+    shortest = [_moves(path) for path in _plan(job.truth, pairs, job.seed)]
     figures = {}
     for method, free in job.methods.items():
         ratios, failed = [], 0
-        for best, path in zip(shortest, _planned(free, pairs, job.seed), strict=True):
+        for best, path in zip(shortest, _plan(free, pairs, job.seed), strict=True):
             if path is None:
                 failed += 1
             elif job.truth[tuple(path.T)].all():
@@ -148,7 +148,7 @@ def _pairs(truth: Mask, rng: np.random.Generator) -> list[tuple[Cell, Cell]]:
     return pairs
 
 
-def _planned(free: Mask, pairs: Sequence[tuple[Cell, Cell]], seed: tuple[int, ...]) -> list[Cells | None]:
+def _plan(free: Mask, pairs: Sequence[tuple[Cell, Cell]], seed: tuple[int, ...]) -> list[Cells | None]:
     """Return a shortest path of each pair, None where start or goal is an obstacle, or no path joins them."""
     graph = Graph(free, RECTILINEAR)
     return [
@@ -169,7 +169,7 @@ def _bounds(free: Mask) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     return obstacles.min(axis=0), obstacles.max(axis=0)
 
 
-def _encoded(encoder: Encoder) -> Shapes:
+def _predict(encoder: Encoder) -> Shapes:
     """Return the encoder's predictions: in the function's own numbers, as in RESULTS.md, and as served."""
 
     def shapes(case: Case, photo: bytes) -> dict[str, Floats]:
@@ -185,7 +185,7 @@ def _encoded(encoder: Encoder) -> Shapes:
     return shapes
 
 
-def _trained(run: Path, seed: int) -> Shapes:
+def _predict_trained(run: Path, seed: int) -> Shapes:
     """Return the predictions of a trained network that is not exported."""
     network, config, _ = load_network(chosen_checkpoint(run))
     predict = predictor(network, config)

@@ -4,10 +4,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Final
 
+from model.evaluation.locations import PAPER
 from model.evaluation.paper.navigation import EXPERIMENT as PATHS
 from model.evaluation.paper.record import PaperRecord
 from model.evaluation.paper.views import EXPERIMENT as VIEWS
-from model.evaluation.paths import PAPER
 from model.report.paper import navigation, views
 from service.files import whole_file
 

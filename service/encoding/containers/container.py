@@ -49,7 +49,7 @@ def check_count(count: int, parts: str, limit: int = MAX_PARTS) -> None:
         raise TooLarge(f"the image file has more than {limit} {parts}, the limit: save it anew", field="image")
 
 
-def unpacked(data: bytes, limit: int) -> bytes | None:
+def unpack(data: bytes, limit: int) -> bytes | None:
     """Return what zlib packed; None if it is damaged, or longer than a limit in bytes."""
     stream = zlib.decompressobj()
     try:

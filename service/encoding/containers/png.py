@@ -10,7 +10,7 @@ from service.encoding.containers.container import (
     ColorKey,
     Container,
     check_count,
-    unpacked,
+    unpack,
 )
 from service.encoding.containers.exif import orientation_of
 from service.errors import CorruptImage
@@ -103,7 +103,7 @@ class _Metadata:
         """The ICC profile; None if there is none."""
         _, data = self._first.get(b"iCCP", (b"", b""))
         packed = data.partition(b"\0")[2]  # after the name; a byte says how it is packed: 0, by zlib
-        return unpacked(packed[1:], MAX_PROFILE_BYTES) if packed[:1] == b"\0" else None
+        return unpack(packed[1:], MAX_PROFILE_BYTES) if packed[:1] == b"\0" else None
 
     def _text(self, key: bytes) -> bytes:
         return _text(*self._first[key]) if key in self._first else b""
@@ -117,7 +117,7 @@ def _text(kind: bytes, rest: bytes) -> bytes:
     if kind == b"iTXt":
         is_packed = rest[:1] == b"\1"
         rest = b"\0" + rest[2:].partition(b"\0")[2].partition(b"\0")[2]  # after language and translated keyword
-    return (unpacked(rest[1:], MAX_METADATA_BYTES) or b"") if is_packed else rest[1 : MAX_METADATA_BYTES + 1]
+    return (unpack(rest[1:], MAX_METADATA_BYTES) or b"") if is_packed else rest[1 : MAX_METADATA_BYTES + 1]
 
 
 def _color_key(transparency: bytes | None, color: int, depth: int) -> ColorKey | None:

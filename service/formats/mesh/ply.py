@@ -36,6 +36,6 @@ def dump(surface: Surface) -> bytes:
     numbers = np.concatenate([surface.vertices, surface.normals], axis=1)
     color, vertices = "", raw.float32(numbers)
     if surface.colors is not None:
-        color, vertices = ply.COLOR, raw.interleaved(numbers, surface.colors)
+        color, vertices = ply.COLOR, raw.interleave(numbers, surface.colors)
     header = _HEADER.format(axes=surface.axes, vertices=len(numbers), color=color, triangles=len(faces))
     return header.encode("ascii") + vertices + faces.tobytes()

@@ -32,7 +32,7 @@ def head(n: int, bounds: tuple[Array, Array] | None = None, *, colored: bool = F
 
 def colored_body(points: Array, colors: Colors) -> bytes:
     """Write points (m, 3), each followed by its color (m, 3), in 16 m bytes."""
-    return raw.interleaved(points, np.pad(colors[:, ::-1], ((0, 0), (0, 1))))
+    return raw.interleave(points, np.pad(colors[:, ::-1], ((0, 0), (0, 1))))
 
 
 def length(n: int, *, colored: bool = False) -> int:

@@ -29,7 +29,7 @@ def head(n: int, bounds: tuple[Array, Array] | None = None, *, colored: bool = F
 
 def colored_body(points: Array, colors: Colors) -> bytes:
     """Write points (m, 3), each followed by its color (m, 3), in 15 m bytes."""
-    return raw.interleaved(points, colors)
+    return raw.interleave(points, colors)
 
 
 def length(n: int, *, colored: bool = False, camera: bool = False) -> int:

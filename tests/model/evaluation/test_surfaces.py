@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 from model import cli
-from model.evaluation.paths import SURFACES
+from model.evaluation.locations import SURFACES
 from model.evaluation.surfaces import CLOUD, WAYS, Trials
 from model.report.surfaces import section
 from service.mapping.sampler import Sampler

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from model.networks.estimate_heads import BINS, EstimateHeads, direction, pooled
+from model.networks.estimate_heads import BINS, EstimateHeads, direction, pool
 
 
 def _bins(*places: tuple[float, float]) -> torch.Tensor:
@@ -25,7 +25,7 @@ def test_direction_of_two_opposite_hills_is_the_higher_one() -> None:
 
 def test_pooled_of_maps_is_their_mean_and_largest_value() -> None:
     maps = torch.arange(24.0).reshape(2, 3, 2, 2)
-    result = pooled([torch.ones(2, 5), maps])
+    result = pool([torch.ones(2, 5), maps])
     assert result.shape == (2, 11)
     assert result[1].tolist() == [1, 1, 1, 1, 1, 13.5, 17.5, 21.5, 15, 19, 23]
 

@@ -7,7 +7,7 @@ import pytest
 
 from model import cli
 from model.evaluation.comparison import ORACLE
-from model.evaluation.paths import RUNS
+from model.evaluation.locations import RUNS
 from model.evaluation.records import Record
 from model.report import runs
 from model.report.tables import loss

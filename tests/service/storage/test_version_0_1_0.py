@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from service.mapping.sampler import Sampler
-from service.mapping.spec import Color, Functions, MappingSpec, initial_theta, joined, word_of
+from service.mapping.spec import Color, Functions, MappingSpec, initial_theta, join_functions, word_of
 from service.settings import Settings
 from service.storage.ids import composed_id, imported_id, interpolated_id
 from service.storage.rows import Record
@@ -55,7 +55,7 @@ OBJECTS = [  # oldest first: record, functions, points
     (Record(WORD[1], "encoded", "tiny-k2", SPEC, CREATED_AT, (), COLOR_SPEC), COLORED, POINTS["encoded"]),
     (
         Record(composed_id(WORD), "composed", "tiny-k2", SPEC, CREATED_AT, WORD, COLOR_SPEC),
-        joined([PLAIN, COLORED]),
+        join_functions([PLAIN, COLORED]),
         POINTS["composed"],
     ),
     (Record(interpolated_id(WORD), "interpolated", "tiny-k2", SPEC, CREATED_AT, WORD), MEAN, POINTS["interpolated"]),

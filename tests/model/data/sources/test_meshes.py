@@ -12,7 +12,7 @@ from model.cli.common import ROOT, SHIPPED
 from model.data.sources.meshes import MeshRecord, folder_records, load_parts
 from model.data.sources.photographs import FOLDER, photograph_files
 from model.data.sources.sweethome3d import CATALOG, frozen_split, parse_catalog, sh3f_files, sh3f_records
-from model.evaluation.paths import RESULTS
+from model.evaluation.locations import RESULTS
 from model.evaluation.records import Record
 from service.encoding.encoder import Encoder
 from tests.support.small.shapes import SHAPES, write_folder

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from model.data.manifest import Manifest
-from model.evaluation.estimates.observe import KnownObject, observe, rolled, turned_distances
+from model.evaluation.estimates.observe import KnownObject, observe, roll_view, turned_distances
 from model.evaluation.estimates.strange import motorcycle, side_by_side, strange_images
 from model.export import export
 from model.networks.encoder import ImageEncoder
@@ -57,7 +57,7 @@ def test_inner_encoder_gives_the_theta_of_the_file(model: Path) -> None:
 def test_rolled_turns_the_picture_against_the_camera() -> None:
     view = np.zeros((64, 64, 4), np.uint8)
     view[4:24, 30:34] = 255  # a bar above the center
-    turned = rolled(view, 30)
+    turned = roll_view(view, 30)
     rows, columns = np.nonzero(turned[..., 3])
     assert columns.mean() < turned.shape[1] / 2 - 5  # the camera turns clockwise, the bar to the left
     assert rows.mean() < turned.shape[0] / 2

@@ -1,4 +1,4 @@
-"""Paths of the committed measurements, relative to the project's root."""
+"""Locations of the committed measurements, relative to the project's root."""
 
 from pathlib import Path
 from typing import Final
