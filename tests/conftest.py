@@ -26,7 +26,7 @@ TIERS: Final = {
     "system": {
         *("postgres", "u2net_home", "behind_nginx"),
         *("check_valid", "gltf_report"),  # Node and the Khronos validator
-        *("build", "render", "shoot", "sheets"),  # OpenGL
+        *("build", "render_parts", "shoot", "sheets"),  # OpenGL
     },
     "server": {"server", "client", "colored", "hof_serve", "running", "serving"},
 }

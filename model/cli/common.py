@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Final
 
 from model.cli.data import DATA
-from model.cli.data import SPLITS as SPLITS
 
 RUN: Final = Path("runs/hof1-k2")
 SHIPPED: Final = Path(__file__).resolve().parents[1] / "weights" / "hof1-k2.onnx"

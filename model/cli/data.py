@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Final
 
 from model.cli.infinigen import add_infinigen
 from model.cli.pack import add_pack
+from model.data.manifest import SPLITS
+from model.data.sources.axes import AXES
 
 if TYPE_CHECKING:
     from model.data.sources.meshes import MeshRecord
 
 DATA: Final = Path("data/sweethome3d")
-AXES: Final = ("x", "-x", "y", "-y", "z", "-z")
-SPLITS: Final = ("train", "val", "test")
 
 
 def add_stages(data: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:

@@ -6,7 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from model.cli.common import ROOT, SHIPPED, SPLITS, add_data, add_run, add_seed
+from model.cli.common import ROOT, SHIPPED, add_data, add_run, add_seed
+from model.data.manifest import SPLITS
 
 if TYPE_CHECKING:
     from model.evaluation.conditions import Condition

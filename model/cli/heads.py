@@ -5,9 +5,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from model.cli.common import ROOT, SHIPPED, SPLITS, add_data, add_seed
+from model.cli.common import ROOT, SHIPPED, add_data, add_seed
 from model.cli.flags import add_flags, values
 from model.config import HeadsConfig
+from model.data.manifest import SPLITS
 
 if TYPE_CHECKING:
     from model.evaluation.estimates.observe import KnownObject

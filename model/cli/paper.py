@@ -4,7 +4,8 @@ import argparse
 from pathlib import Path
 from typing import Final
 
-from model.cli.common import ROOT, SHIPPED, SPLITS, add_data, add_seed
+from model.cli.common import ROOT, SHIPPED, add_data, add_seed
+from model.data.manifest import SPLITS
 
 PATHS: Final = "paths"
 VIEWS: Final = "views"

@@ -22,7 +22,7 @@ from service.mapping.sampler import Sampler
 from service.mapping.spec import Functions, MappingSpec, word_of
 from service.runtime.options import DISTANCES, CameraOptions
 
-POINTS: Final = 2_048  # of the object, which have to fill its box in the photo
+POSE_POINTS: Final = 2_048  # of the object, which have to fill its box in the photo
 ROUNDS: Final = 6  # of correcting direction and distance in turn
 HALVINGS: Final = 40  # of the interval in which the distance lies
 SMALLEST: Final = 1e-9  # extent of a projection: that of a single point is 0
@@ -85,7 +85,7 @@ def pose_of(view: View, spec: MappingSpec, functions: Functions, frame: Frame) -
     if view.box is None:
         return _pose(facing, FORWARD * view.camera.distance)
     sampler = Sampler(spec, word_of(spec, functions.theta), frame)
-    points = sampler.points(POINTS, sampling="sobol").astype(np.float64) @ facing.T
+    points = sampler.points(POSE_POINTS, sampling="sobol").astype(np.float64) @ facing.T
     rotation, distance = _fit(view, view.box, points)
     return _pose(rotation @ facing, rotation @ FORWARD * distance)
 

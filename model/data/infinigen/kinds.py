@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Final
 
-from model.data.sources.meshes import Axis
+from model.data.sources.axes import Axis
 
 
 @dataclass(frozen=True)

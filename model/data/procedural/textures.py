@@ -12,8 +12,8 @@ from PIL import Image, ImageStat
 from model.data.manifest import Manifest
 from model.data.procedural.primitives import Rng, Triple, paint
 from model.data.rendering.surface import material_color
+from model.data.small import store_small
 from model.data.sources.meshes import MeshRecord
-from service.files import whole_file
 
 FOLDER: Final = "textures"  # in the data set's folder
 SUFFIXES: Final = (".jpg", ".jpeg", ".png")
@@ -43,7 +43,7 @@ def gather_textures(records: Iterable[MeshRecord], folder: Path) -> list[Path]:
     for path in sorted(path for place in beside for path in place.iterdir() if path.suffix.lower() in SUFFIXES):
         target = folder / FOLDER / f"{hashlib.sha256(path.read_bytes()).hexdigest()[:16]}.jpg"
         if not target.exists():
-            _store_small(path, target)
+            _store_texture(path, target)
     return texture_files(folder)
 
 
@@ -52,7 +52,8 @@ def texture_files(folder: Path) -> list[Path]:
     return sorted((folder / FOLDER).glob("*.jpg"))
 
 
-def _store_small(path: Path, target: Path) -> None:
+def _store_texture(path: Path, target: Path) -> None:
+    """Store a small copy of an image, unless it is broken, tiny or of one color."""
     try:
         with Image.open(path) as file:
             image = file.convert("RGB")
@@ -61,10 +62,7 @@ def _store_small(path: Path, target: Path) -> None:
     smallest, largest = SIDES
     if min(image.size) < smallest or ImageStat.Stat(image.convert("L")).stddev[0] < UNEVEN:
         return
-    factor = min(1, largest / min(image.size))
-    image = image.resize([max(1, round(length * factor)) for length in image.size])
-    with whole_file(target) as output:
-        image.save(output, format="JPEG", quality=90)
+    store_small(image, largest, target)
 
 
 def draw_texture(paths: list[Path], color: Triple, rng: Rng) -> Image.Image:

@@ -14,7 +14,6 @@ from PIL import Image
 from model.data.manifest import SIZE
 from model.data.rendering.cameras import ring_cameras
 from model.data.rendering.surface import face_colors, material_color, material_image, sample_surface, vertex_colors
-from model.data.sources.meshes import MeshRecord, load_parts
 from service.drawing.cloud import camera_axes
 
 SUPERSAMPLING: Final = 2
@@ -41,16 +40,6 @@ class Rendered:
     cameras: Floats
     points: Floats
     colors: Bytes
-
-
-def render(record: MeshRecord, seed: int) -> Rendered:
-    """Render views and sample surface points of a record's mesh; cameras depend on seed and record only.
-
-    Raises
-    ------
-    ValueError : the mesh is empty, flat to a point, or cannot be read.
-    """
-    return render_parts(load_parts(record), record.id, seed)
 
 
 def render_parts(parts: list[trimesh.Trimesh], id_: str, seed: int) -> Rendered:

@@ -5,7 +5,8 @@ from pathlib import Path, PurePosixPath
 from typing import Any, Final
 
 from model.data.sources.formats.read import MESH_SUFFIXES
-from model.data.sources.meshes import Axis, MeshRecord, check_folder, folder_records, readable, turn
+from model.data.sources.axes import Axis
+from model.data.sources.meshes import MeshRecord, check_folder, folder_records, readable, turn
 
 LIST: Final = "manifest.jsonl"
 

@@ -4,12 +4,13 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Literal, get_args
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 import trimesh
 
+from model.data.sources.axes import AXES, Axis
 from model.data.sources.formats.read import MESH_SUFFIXES, read_parts
 
 MAX_FACES: Final = 4_000_000
@@ -17,9 +18,6 @@ ARCHIVES: Final = (".zip", ".7z", ".rar", ".gz", ".tgz", ".tar")
 OTHER_SUFFIXES: Final = (".3ds", ".abc", ".blend", ".dae", ".fbx", ".max", ".step", ".stp", ".usd", ".usdz", ".x3d")
 IDENTITY: Final = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 SURROGATES: Final = range(0xDC80, 0xDD00)  # how Python shows the bytes of a file name that are no UTF-8
-
-Axis = Literal["x", "-x", "y", "-y", "z", "-z"]
-AXES: Final[tuple[Axis, ...]] = get_args(Axis)
 
 
 @dataclass(frozen=True)

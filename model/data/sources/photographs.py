@@ -6,8 +6,8 @@ from typing import Final
 
 from PIL import Image
 
+from model.data.small import store_small
 from model.data.sources.debian import download, unpack
-from service.files import whole_file
 
 PACKAGES: Final = ("lomiri-wallpapers-16.04", "mate-backgrounds")
 FOLDER: Final = "photographs"  # in the data set's folder
@@ -48,13 +48,6 @@ def fetch_photographs(folder: Path, work: Path) -> list[Path]:
         unpack(download(package, work), work / package)
         for path in sorted((work / package).rglob("*.jpg")):
             if path.parent.name not in ("abstract", "desktop"):  # folders of mate-backgrounds without photographs
-                _store_small(path, target / path.name)
+                with Image.open(path) as photograph:
+                    store_small(photograph, SHORTER_SIDE, target / path.name)
     return sorted(target.glob("*.jpg"))
-
-
-def _store_small(path: Path, target: Path) -> None:
-    with Image.open(path) as photograph:
-        factor = SHORTER_SIDE / min(photograph.size)
-        small = photograph.convert("RGB").resize([round(length * factor) for length in photograph.size])
-    with whole_file(target) as file:
-        small.save(file, format="JPEG", quality=90)

@@ -16,7 +16,7 @@ from service.mapping.spec import Functions, MappingSpec
 from service.runtime.cost import check_cost, cost_of_object
 from service.runtime.frames import complete_record
 from service.runtime.options import MeshOptions
-from service.runtime.poses import POINTS, View, pose_of, view_of
+from service.runtime.poses import POSE_POINTS, View, pose_of, view_of
 from service.runtime.shapes import functions_for, mesh_of
 
 router = APIRouter(prefix="/objects", tags=["objects"])
@@ -56,7 +56,7 @@ async def mesh(
         functions = functions_for(functions, query.color, holds_color=fmt.holds_color)
         return await runtime.run(_mesh_file, fmt, record.spec, functions, frame, query, view)
 
-    return answer.with_file(compute, runtime.gates.points, (n + (POINTS if view else 0)) * cost)
+    return answer.with_file(compute, runtime.gates.points, (n + (POSE_POINTS if view else 0)) * cost)
 
 
 def _mesh_file(

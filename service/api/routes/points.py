@@ -18,7 +18,7 @@ from service.mapping.canonical import check_range
 from service.mapping.frame import Frame
 from service.runtime.cost import check_cost, check_size, cost_of_object, in_flight
 from service.runtime.frames import complete_record
-from service.runtime.poses import POINTS, View, pose_of, view_of
+from service.runtime.poses import POSE_POINTS, View, pose_of, view_of
 from service.runtime.shapes import cloud_of
 from service.runtime.streaming import gzipped, stream
 
@@ -62,7 +62,7 @@ async def points(
         pieces = stream(fmt, cloud_of(record.spec, functions, frame, query, pose), runtime.run, settings.threads)
         return gzipped(pieces, runtime.run) if is_gzipped else pieces
 
-    amount = cost * (in_flight(query.n, settings.threads) + (POINTS if view else 0))
+    amount = cost * (in_flight(query.n, settings.threads) + (POSE_POINTS if view else 0))
     return AdmittedStream(begin, runtime.gates.points, amount, answer.headers, answer.media_type)
 
 

@@ -12,7 +12,7 @@ from service.mapping.pose import Pose
 from service.mapping.sampler import Sampler
 from service.mapping.spec import Array, Functions, initial_theta, word_of
 from service.runtime.options import MeshOptions, PathOptions, PointOptions
-from service.runtime.poses import POINTS, View, pose_of, view_of
+from service.runtime.poses import POSE_POINTS, View, pose_of, view_of
 from service.runtime.shapes import mesh_of
 from tests.support.small.model import SPEC
 
@@ -25,7 +25,7 @@ Doubles = npt.NDArray[np.float64]
 
 
 def _points(pose: Pose, scale: float = 1.0) -> Doubles:
-    points: Array = Sampler(SPEC, word_of(SPEC, THETA), FRAME).points(POINTS, sampling="sobol", scale=scale)
+    points: Array = Sampler(SPEC, word_of(SPEC, THETA), FRAME).points(POSE_POINTS, sampling="sobol", scale=scale)
     return pose.place(points, scale).astype(np.float64)
 
 

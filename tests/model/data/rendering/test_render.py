@@ -9,8 +9,8 @@ from PIL import Image
 
 from model.data.manifest import SIZE
 from model.data.rendering.cameras import RING_VIEWS
-from model.data.rendering.render import render
-from model.data.sources.meshes import MeshRecord
+from model.data.rendering.render import Rendered, render_parts
+from model.data.sources.meshes import MeshRecord, load_parts
 
 
 @pytest.fixture
@@ -29,8 +29,12 @@ def half_red_box(tmp_path: Path) -> MeshRecord:
     return MeshRecord("t/box", path, "t", "box", "c", "x", "CC0")
 
 
+def _render(record: MeshRecord, seed: int) -> Rendered:
+    return render_parts(load_parts(record), record.id, seed)
+
+
 def test_render_two_colored_box_shows_the_right_side_in_the_right_color(half_red_box: MeshRecord) -> None:
-    rendered = render(half_red_box, seed=0)
+    rendered = _render(half_red_box, seed=0)
     assert rendered.views.shape == (RING_VIEWS, SIZE, SIZE, 4)
     assert rendered.cameras[:, 0] == pytest.approx(np.arange(RING_VIEWS) * 15)
     alpha = rendered.views[..., 3]
@@ -44,7 +48,7 @@ def test_render_two_colored_box_shows_the_right_side_in_the_right_color(half_red
 
 
 def test_render_equal_seed_repeats_views_that_differ(half_red_box: MeshRecord) -> None:
-    first, again, other = (render(half_red_box, seed) for seed in (0, 0, 1))
+    first, again, other = (_render(half_red_box, seed) for seed in (0, 0, 1))
     assert (first.views == again.views).all()
     assert (first.points == again.points).all()
     assert (first.cameras[:, 1] != other.cameras[:, 1]).all()
@@ -52,7 +56,7 @@ def test_render_equal_seed_repeats_views_that_differ(half_red_box: MeshRecord) -
 
 
 def test_render_points_lie_on_the_surface_with_its_colors(half_red_box: MeshRecord) -> None:
-    rendered = render(half_red_box, seed=0)
+    rendered = _render(half_red_box, seed=0)
     x = rendered.points[:, 0]
     assert np.abs(rendered.points).max(axis=0) == pytest.approx([0.5, 0.25, 0.25], abs=1e-6)
     red = rendered.colors[:, 0] > 128
@@ -67,7 +71,7 @@ def test_render_texture_colors_points_as_views(tmp_path: Path) -> None:
     quad = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]], process=False)
     quad.visual = trimesh.visual.TextureVisuals(uv=[[0, 0], [1, 0], [1, 1], [0, 1]], image=texture)
     quad.export(tmp_path / "quad.obj")
-    rendered = render(MeshRecord("t/quad", tmp_path / "quad.obj", "t", "quad", "c", "x", "CC0"), seed=0)
+    rendered = _render(MeshRecord("t/quad", tmp_path / "quad.obj", "t", "quad", "c", "x", "CC0"), seed=0)
     x, y, _ = rendered.points.T
     wanted = np.where(y > 0.25, 1, np.where(x < 0, 0, 2))
     inside = (np.abs(y - 0.25) > 0.02) & (np.abs(x) > 0.02)

@@ -9,7 +9,8 @@ import pytest
 import trimesh
 
 from model.data.sources.listed import LIST, mesh_records
-from model.data.sources.meshes import IDENTITY, Axis, load_parts, turn
+from model.data.sources.axes import Axis
+from model.data.sources.meshes import IDENTITY, load_parts, turn
 
 
 def write(folder: Path, *rows: Any) -> Path:  # noqa: ANN401 - JSON
