@@ -4,8 +4,8 @@ import json
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
 
-from model.data.sources.formats.read import MESH_SUFFIXES
 from model.data.sources.axes import Axis
+from model.data.sources.formats.read import MESH_SUFFIXES
 from model.data.sources.meshes import MeshRecord, check_folder, folder_records, readable, turn
 
 LIST: Final = "manifest.jsonl"

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from model.data.sources.listed import LIST, mesh_records
 from model.data.sources.axes import Axis
+from model.data.sources.listed import LIST, mesh_records
 from model.data.sources.meshes import IDENTITY, load_parts, turn
 
 
