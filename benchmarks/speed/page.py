@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.speed import bulk, photos
 from benchmarks.speed.serving import LARGE, MIB, STREAMED, Figures
 from benchmarks.speed.timing import Seconds
 from benchmarks.targets import Target, targets_table
@@ -77,6 +78,33 @@ class Report:
             f"- Resident memory: {figures.idle_bytes / MIB:.0f} MiB idle, {figures.extra_bytes / MIB:.1f} MiB more at "
             f"the peak of streaming {LARGE:,} points.\n\n"
             f"| format | first byte, ms (n = {STREAMED:,}; JSON 100,000) |\n|---|---|\n{first}"
+        )
+
+    def photos_over_http(self, figures: photos.Figures) -> None:
+        """Add the processor time of photos, and what a start takes."""
+        rows = "\n".join(
+            f"| {name} | {1000 * np.median(took):.2f} |"
+            for name, took in (
+                ("`GET /health/live`", figures.live_s),
+                ("`POST /encode`, a repeated photo", figures.repeat_s),
+                ("`POST /encode`, a new photo", figures.new_s),
+                (f"the encoder alone, calls of {photos.CLIENTS} images", figures.encode_s),
+            )
+        )
+        self._sections.append(
+            "## Photos of 512 x 512 over HTTP, both shipped models\n\n"
+            f"From the start to ready: {figures.ready_s:.1f} s; resident memory then: "
+            f"{figures.idle_bytes / MIB:.0f} MiB.\n\n"
+            f"| call | processor time, ms |\n|---|---|\n{rows}"
+        )
+
+    def many_photos(self, figures: bulk.Figures) -> None:
+        """Add photos per second of `hof encode-many`."""
+        ways = {"a plain loop": figures.loop, "one process": figures.one}
+        ways |= {} if figures.two is None else {"two processes": figures.two}
+        rows = "\n".join(f"| {name} | {1 / np.median(took):.1f} |" for name, took in ways.items())
+        self._sections.append(
+            f"## `hof encode-many`, {bulk.PHOTOS} photos of 512 x 512\n\n| way | photos/s |\n|---|---|\n{rows}"
         )
 
     def write(self, path: Path) -> None:

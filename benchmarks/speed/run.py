@@ -14,7 +14,7 @@ from unittest import mock
 import numpy as np
 import torch
 
-from benchmarks.speed import serving
+from benchmarks.speed import bulk, photos, serving
 from benchmarks.speed.networks import Network, deepsdf, foldingnet, mapping_network
 from benchmarks.speed.page import Report, draw_runtime
 from benchmarks.speed.rivals import RIVALS, Evaluate, Make, numpy_tiles
@@ -49,6 +49,7 @@ def main() -> int:
     _decoder_table(report, arguments.rounds, arguments.quick, arguments.output)
     if not arguments.quick:
         _serving_table(report, core, arguments.rounds)
+        _photos_table(report, core, arguments.rounds)
     report.write(arguments.output / "RESULTS.md")
     print((arguments.output / "RESULTS.md").read_text("utf-8"), end="")
     return 0
@@ -184,6 +185,27 @@ def _serving_table(report: Report, core: int, rounds: int) -> None:
         report.targets.append(
             Target(f"HTTP: first byte of 1 M points as {name.upper()}, ms", first_ms, 20, at_most=True)
         )
+
+
+def _photos_table(report: Report, core: int, rounds: int) -> None:
+    """Measure photos over HTTP, and many photos without a server."""
+    figures, many = photos.measure(core, rounds), bulk.measure(core, rounds)
+    report.photos_over_http(figures)
+    report.many_photos(many)
+    report.targets += [
+        Target("HTTP: a repeated photo against /health/live, calls/s", ratio(figures.live_s, figures.repeat_s), 0.5),
+        Target(
+            "HTTP: processor time of a new photo over the encoder's",
+            ratio(figures.new_s, figures.encode_s),
+            1.7,
+            at_most=True,
+        ),
+        Target("hof serve: s until it is ready", figures.ready_s, 1.5, at_most=True),
+        Target("hof serve: resident memory idle, MiB", figures.idle_bytes / serving.MIB, 250, at_most=True),
+        Target("encode-many: one process against a plain loop", ratio(many.loop, many.one), 0.9),
+    ]
+    if many.two is not None:
+        report.targets.append(Target("encode-many: two processes against one", ratio(many.one, many.two), 1.8))
 
 
 def _tiles(quick: bool) -> tuple[int, ...]:

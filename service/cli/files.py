@@ -50,7 +50,7 @@ def encode(arguments: argparse.Namespace) -> None:
     stderr tells how the object was separated from its background.
     """
     settings = settings_of(arguments)
-    options = _options(arguments, EncodeOptions)
+    options = options_of(arguments, EncodeOptions)
     as_weights = _suffix(arguments) == WEIGHT_FORMATS["safetensors"].extension
     if not as_weights:
         _point_options(arguments)  # fails before the work begins
@@ -91,7 +91,7 @@ def sample(arguments: argparse.Namespace) -> None:
 def mesh(arguments: argparse.Namespace) -> None:
     """Write the surface of a weights file; the triangles are those that the service computes for the object."""
     fmt = _format(arguments, MESH_FORMATS)
-    options = _options(arguments, MeshOptions)
+    options = options_of(arguments, MeshOptions)
     weights = _load(arguments.weights)
     functions = functions_for(weights.functions, options.color, holds_color=fmt.holds_color)
     view, frame = view_of(options, None, None), _frame(weights)
@@ -105,7 +105,7 @@ def path(arguments: argparse.Namespace) -> None:
     If there is none, a .json file says why, and a .glb file is not written.
     """
     fmt = _format(arguments, PATH_FORMATS)
-    options = _options(arguments, PathOptions)
+    options = options_of(arguments, PathOptions)
     weights = _load(arguments.weights)
     _write(arguments.output, [fmt.dump(path_of(weights.spec, weights.functions, _frame(weights), options))])
 
@@ -157,7 +157,7 @@ def _values(arguments: argparse.Namespace, model: type[BaseModel]) -> dict[str, 
     return {name: value for name, value in vars(arguments).items() if name in model.model_fields and value is not None}
 
 
-def _options(arguments: argparse.Namespace, model: type[Options]) -> Options:
+def options_of(arguments: argparse.Namespace, model: type[Options]) -> Options:
     """Return the options that the flags set, the rest at their defaults. Raises InvalidParameter."""
     try:
         return model(**_values(arguments, model))
@@ -184,7 +184,7 @@ def _frame(weights: Weights) -> Frame:
 def _point_options(arguments: argparse.Namespace) -> tuple[PointFormat, PointOptions]:
     """Return the format that the output's suffix names, and the points to compute. Raises InvalidParameter."""
     fmt = _format(arguments, POINT_FORMATS)
-    options = _options(arguments, PointOptions)
+    options = options_of(arguments, PointOptions)
     check_size(fmt, options.n, POINTS_CEILING)
     return fmt, options
 
@@ -232,7 +232,7 @@ def _write_points(
 
 def _write_sheet(arguments: argparse.Namespace, spec: MappingSpec, letters: Sequence[Functions]) -> None:
     """Draw the words over A and B, each in its own frame, and in color if A or B has color."""
-    options = _options(arguments, PointOptions)
+    options = options_of(arguments, PointOptions)
     if options.n > MAX_POINTS:
         raise InvalidParameter(f"n is {options.n}; a picture shows at most {MAX_POINTS} points per word", field="n")
     if options.frame == "camera":

@@ -15,7 +15,7 @@ from pydantic import BaseModel, ValidationError
 
 from service import __version__
 from service.api.keys import SCOPES, make_key
-from service.cli import files, store
+from service.cli import encode_many, files, store
 from service.cli.flags import add_settings
 from service.encoding.framing import Background
 from service.errors import HofError
@@ -116,6 +116,10 @@ def _add_commands(stages: "argparse._SubParsersAction[argparse.ArgumentParser]")
     )
     add_settings(encode, only={"model", "matting_model", "max_image_pixels", "threads"})
     encode.set_defaults(run=files.encode)
+
+    encode_many.add_stage(
+        stages.add_parser("encode-many", help="turn many photos into a table", description=encode_many.run.__doc__)
+    )
 
     sample = stages.add_parser("sample", help="turn a weights file into points", description=files.sample.__doc__)
     sample.add_argument("weights", type=Path, help="a .safetensors file of `hof encode` or of the service; - for stdin")

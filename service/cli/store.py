@@ -49,7 +49,7 @@ def add_stages(parser: argparse.ArgumentParser) -> None:
 
 def _export(arguments: argparse.Namespace) -> None:
     """Write all objects of the store to a Parquet file, a row each. The service may run meanwhile."""
-    _check_bulk("hof store export")
+    check_bulk("hof store export")
     from service.storage.transfer.parquet import export
 
     async def run(settings: Settings, progress: ProgressLine) -> int:
@@ -64,7 +64,7 @@ def _import(arguments: argparse.Namespace) -> int:
 
     Run it again if it broke off. The exit status is 1 if the store has other content under an id.
     """
-    _check_bulk("hof store import")
+    check_bulk("hof store import")
     from service.storage.transfer.parquet import import_file
 
     async def run(settings: Settings, progress: ProgressLine) -> Tally:
@@ -125,9 +125,10 @@ def _report(tally: Tally) -> int:
     return DIFFERENT
 
 
-def _check_bulk(command: str) -> None:
-    """Raise InvalidParameter if pyarrow is not installed."""
+def check_bulk(command: str) -> None:
+    """Raise InvalidParameter unless the extra `bulk` is installed."""
     try:
+        import pebble  # noqa: F401
         import pyarrow  # noqa: F401
     except ImportError as error:
         raise InvalidParameter(f"{command} {NEEDS_BULK}") from error

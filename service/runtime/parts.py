@@ -14,6 +14,7 @@ from service.encoding.registry import Models
 from service.runtime.admission import Gates
 from service.runtime.batcher import Batcher
 from service.runtime.liveness import LivenessProbe
+from service.runtime.photos import RecentPhotos
 from service.settings import Settings
 from service.storage.store import Store
 from service.telemetry.metrics import Metrics
@@ -44,6 +45,11 @@ class Runtime:
     @cached_property
     def batchers(self) -> dict[str, Batcher]:  # noqa: D102
         return {encoder.name: Batcher(encoder.encode, self.run) for encoder in self.models}
+
+    @cached_property
+    def recent_photos(self) -> RecentPhotos:
+        """Objects of photos that this process has encoded or found lately."""
+        return RecentPhotos()
 
     @cached_property
     def probes(self) -> dict[str, LivenessProbe]:  # noqa: D102

@@ -83,3 +83,12 @@ def test_soak_of_few_requests_writes_its_page(tmp_path: Path) -> None:
     text = (tmp_path / "SOAK.md").read_text()
     assert "# Soak: 200 mixed requests" in text
     assert "| answers of 5xx | 0.00 | <= 0 | yes |" in text
+
+
+@pytest.mark.slow
+def test_bulk_run_of_few_photos_prints_its_page() -> None:
+    command = [sys.executable, "-m", "benchmarks.speed.bulk", "--photos", "40"]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=RUN_TIMEOUT_S, check=False, cwd=ROOT)
+    assert (run.returncode, run.stderr) == (0, "")
+    assert "| growth of resident memory after the first fifth, % |" in run.stdout
+    assert run.stdout.count("\n| ") == 20 + 3

@@ -8,6 +8,7 @@ import numpy as np
 from service.api.responses.objects import EncodedObject
 from service.encoding.encoder import Encoder
 from service.encoding.framing import preprocess
+from service.encoding.report import ImageReport
 from service.mapping.box import examine
 from service.mapping.spec import Functions
 from service.settings import SHIPPED_MODEL
@@ -46,6 +47,7 @@ class Work:
                 frame=examine(encoder.spec, functions),
                 estimates=estimates,
             )
-            answer = EncodedObject.of_image(record, one, None).model_dump(mode="json", by_alias=True, exclude_none=True)
-            objects.append((record, functions, answer))
+            answer = EncodedObject.of_image(record, ImageReport.of(one), None)
+            fields = answer.model_dump(mode="json", by_alias=True, exclude_none=True)
+            objects.append((record, functions, fields))
         return objects

@@ -105,11 +105,11 @@ class EncodedObject(StoredObject):
 
     @classmethod
     def of_image(
-        cls, record: Record, framed: Framed, functions: Functions | None, root_path: str | None = None
+        cls, record: Record, report: Report, functions: Functions | None, root_path: str | None = None
     ) -> "EncodedObject":
         """Return the JSON form of a record, for the client that sent its image."""
         weights = _weights_fields(functions) if functions else {}
-        fields = _object_fields(record, root_path) | {"image": ImageReport.of(Report.of(framed))}
+        fields = _object_fields(record, root_path) | {"image": ImageReport.of(report)}
         return cls(**fields, **weights)
 
 

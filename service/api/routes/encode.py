@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Coroutine
 from dataclasses import replace
-from datetime import UTC, datetime
 from functools import partial
 from typing import Annotated, Any, Final
 
@@ -26,7 +25,7 @@ from service.mapping.frame import Frame as ObjectFrame
 from service.mapping.spec import Functions
 from service.runtime.frames import complete_record
 from service.runtime.parts import Runtime
-from service.storage.ids import encoded_id
+from service.runtime.photos import PhotoKey, photo_id, photo_key, photo_record
 from service.storage.labels import MAX_LABEL
 from service.storage.rows import Details, Record
 
@@ -95,7 +94,7 @@ async def encode(
     """Turn the photo of one object into a mapping function, and keep it.
 
     The id is a digest of the image's bytes, its framing, and the models. A repeat answers 200 with the same object
-    and costs no inference; the masks of recent photos are cached. Of its label and its photo, a repeat adds what the
+    and costs no inference; a recent photo is not even decoded. Of its label and its photo, a repeat adds what the
     object lacks, and changes nothing.
     """
     encoder, settings, gates = runtime.models.named(query.model), runtime.settings, runtime.gates
@@ -112,15 +111,43 @@ async def encode(
         if not query.store:
             framed, encoded, box = await while_connected(request, _encode(frame, runtime, encoder))
             return EncodedWeights.of(encoder.name, encoder.spec, encoded, box, framed)
-        work = _look_up_or_encode(frame, runtime, encoder, photo, framing.foreground_ratio, client)
-        framed, record, functions, is_stored = await while_connected(request, work)
-        record, is_new = (record, False) if is_stored else await runtime.store.put(record, functions, framed.thumbnail)
+        key = photo_key(photo.image, encoder, query.background, framing.foreground_ratio)
+        repeat, is_new = await _find_repeat(runtime, key, photo.label, query, client), False
+        if repeat:
+            record, report, functions = repeat
+        else:
+            work = _look_up_or_encode(frame, runtime, encoder, photo, framing.foreground_ratio, client)
+            framed, record, functions, is_stored = await while_connected(request, work)
+            report = ImageReport.of(framed)
+            if not is_stored:
+                record, is_new = await runtime.store.put(record, functions, framed.thumbnail)
+            runtime.recent_photos.keep(key, record.id)
     kept = functions if query.include == "weights" else None
-    answer = EncodedObject.of_image(record, framed, kept, settings.root_path)
+    answer = EncodedObject.of_image(record, report, kept, settings.root_path)
     if is_new:
         response.status_code = 201
         response.headers["Location"] = answer.links.self_
     return answer
+
+
+async def _find_repeat(
+    runtime: Runtime, key: PhotoKey, label: str | None, query: EncodeQuery, client: str | None
+) -> tuple[Record, ImageReport, Functions | None] | None:
+    """Return the stored object of a recent photo without decoding the photo; None if it has to be decoded.
+
+    The functions are read only if the answer holds them.
+    """
+    object_id = runtime.recent_photos.find(key)
+    if object_id is None:
+        return None
+    if query.include == "weights":
+        record, functions = await runtime.store.find(object_id) or (None, None)
+    else:
+        record, functions = (await runtime.store.records([object_id])).get(object_id), None
+    if record is None or record.image is None or (query.keep_photo and not record.has_photo):
+        return None
+    record, _ = await complete_record(runtime, record, Details(label=label), client=client)
+    return (record, record.image, functions) if record.image else None
 
 
 async def _encode(frame: Frame, runtime: Runtime, encoder: Encoder) -> tuple[Framed, Encoded, ObjectFrame]:
@@ -139,29 +166,13 @@ async def _look_up_or_encode(
 ) -> tuple[Framed, Record, Functions, bool]:
     """Return the framed image, its object, its functions, and whether the object is stored already."""
     framed = await frame()
-    models = [encoder.digest]
-    if framed.mask == "matting" and runtime.matting:
-        models.append(runtime.matting.digest)
-    object_id = encoded_id(photo.image, framed.mask, foreground_ratio, *models)
+    object_id = photo_id(photo.image, framed, foreground_ratio, encoder, runtime.matting)
     match = await runtime.store.find(object_id)
-    report = ImageReport.of(framed)
     if match is not None:
         record, functions = match
-        details = Details(report, photo.label, framed.thumbnail)
+        details = Details(ImageReport.of(framed), photo.label, framed.thumbnail)
         record, _ = await complete_record(runtime, record, details, client=client)
         return framed, record, functions, True
     encoded, box = await _functions(runtime, encoder, framed)
-    record = Record(
-        object_id,
-        "encoded",
-        encoder.name,
-        encoder.spec,
-        datetime.now(UTC),
-        color_spec=encoder.color_spec,
-        frame=box,
-        image=report,
-        estimates=encoded.estimates.rounded() if encoded.estimates else None,
-        label=photo.label,
-        has_photo=framed.thumbnail is not None,
-    )
+    record = photo_record(object_id, framed, encoder, encoded, box, photo.label)
     return framed, record, encoded, False

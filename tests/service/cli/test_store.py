@@ -8,8 +8,7 @@ import pytest
 
 from service.cli.main import main
 from service.cli.progress import line
-from tests.support.small.store import open_store
-from tests.support.small.stored import fill, pair_of
+from tests.support.small.store import fill, open_store, pair_of
 
 
 @pytest.fixture

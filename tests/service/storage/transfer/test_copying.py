@@ -11,8 +11,7 @@ from service.storage import rows
 from service.storage.store import Store
 from service.storage.transfer.content import Tally, digest_of
 from service.storage.transfer.copying import copy
-from tests.support.small.store import open_store
-from tests.support.small.stored import PHOTO, fill, pair_of
+from tests.support.small.store import PHOTO, fill, open_store, pair_of
 from tests.support.systems.postgres import EVERY_DATABASE
 
 

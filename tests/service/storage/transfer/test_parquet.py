@@ -12,8 +12,7 @@ import pytest
 from service.errors import CorruptWeights, HofError, NotFound
 from service.storage.transfer.content import Tally
 from service.storage.transfer.parquet import export, import_file
-from tests.support.small.store import SPEC, open_store
-from tests.support.small.stored import COLOR, fill, pair_of
+from tests.support.small.store import COLOR, SPEC, fill, open_store, pair_of
 from tests.support.systems.postgres import EVERY_DATABASE
 
 

@@ -1,0 +1,87 @@
+"""Encode photos in a worker process: each becomes a row, also one that cannot be encoded."""
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+
+from service.encoding.encoder import Encoder
+from service.encoding.framing import Background, preprocess
+from service.encoding.matting import Matting
+from service.errors import HofError, TooLarge
+from service.mapping.box import measure
+from service.runtime.photos import photo_id, photo_record
+from service.storage.rows import Entry
+from service.storage.transfer.table import Item
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What a worker process needs to encode photos.
+
+    foreground_ratio : None for the model's.
+    max_bytes, max_pixels : largest photo.
+    """
+
+    model: Path
+    matting_model: Path | None
+    background: Background
+    foreground_ratio: float | None
+    max_bytes: int
+    max_pixels: int
+
+
+def encode_photos(setup: Setup, sources: Sequence[str]) -> list[Item]:
+    """Encode photos, one after the other, on one thread."""
+    return [_encode(setup, source) for source in sources]
+
+
+def failed(source: str, error: str, sha256: str | None = None) -> Item:
+    """Return the row of a photo that cannot be encoded."""
+    return Item(None, shown(source), sha256, error)
+
+
+def shown(source: str) -> str:
+    """Return a path as it stands in the table: bytes that are not UTF-8 as backslash escapes."""
+    return source.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+
+
+@lru_cache(1)
+def opened(setup: Setup) -> tuple[Encoder, Matting | None]:
+    """Return the models, loaded once in each process. Raises InvalidModel."""
+    return Encoder.open(setup.model, threads=1), Matting.of(setup.matting_model, threads=1)
+
+
+def _encode(setup: Setup, source: str) -> Item:
+    digest = None
+    try:
+        image = _read(source, setup.max_bytes)
+        digest = hashlib.sha256(image).hexdigest()
+        return Item(_object(setup, image), shown(source), digest)
+    except HofError as error:
+        return failed(source, error.detail, digest)
+    except OSError as error:
+        return failed(source, error.strerror or str(error), digest)
+    except Exception as error:  # whatever a decoder raises: the other photos are encoded all the same
+        return failed(source, f"{type(error).__name__}: {error}", digest)
+
+
+def _read(source: str, max_bytes: int) -> bytes:
+    with open(source, "rb") as file:
+        image = file.read(max_bytes + 1)
+    if len(image) > max_bytes:
+        raise TooLarge(f"the photo has more than {max_bytes} bytes, the limit (--max-image-bytes)")
+    return image
+
+
+def _object(setup: Setup, image: bytes) -> Entry:
+    encoder, matting = opened(setup)
+    framing = encoder.framing
+    if setup.foreground_ratio is not None:
+        framing = replace(framing, foreground_ratio=setup.foreground_ratio)
+    framed = preprocess(image, framing, setup.background, setup.max_pixels, matting)
+    encoded = encoder.encode(framed.tensor)[0]
+    object_id = photo_id(image, framed, framing.foreground_ratio, encoder, matting)
+    box = measure(encoder.spec, encoded.theta)
+    return Entry(0, photo_record(object_id, framed, encoder, encoded, box), encoded)
