@@ -1,4 +1,7 @@
-"""Copy measured figures into the documents that quote them: `python -m tests.project.quoted_figures`."""
+"""Copy measured figures into the documents that quote them: `python -m tests.project.quoted_figures`.
+
+The needs in docs/capacity.md are computed from them (`tests.project.capacity`).
+"""
 
 from typing import Final, NamedTuple
 
@@ -24,6 +27,8 @@ class Quote(NamedTuple):
 QUOTES: Final = (
     Quote("README.md", "Performance", "RESULTS.md", "HOF-1, k = 2: Mpoints/s, one core"),
     Quote("docs/api.md", "Size", "BOXES.md", None),
+    Quote("docs/capacity.md", "Photos", "LOAD.md", "POST /encode beside others"),
+    Quote("docs/capacity.md", "Points", "RESULTS.md", "HOF-1, k = 2: Mpoints/s, one core"),
     Quote("docs/performance.md", "Points", "RESULTS.md", "HOF-1, k = 1: Mpoints/s, one core"),
     Quote("docs/performance.md", "Against other decoders, and over HTTP", "RESULTS.md", None),
     Quote("docs/performance.md", "Under overload", "LOAD.md", None),
@@ -51,3 +56,6 @@ def _name(row: str) -> str:
 if __name__ == "__main__":
     for each in QUOTES:
         (ROOT / each.document).write_text(updated(each, text_of(each.document)), "utf-8")
+    from tests.project import capacity  # which imports this module
+
+    (ROOT / capacity.DOCUMENT).write_text(capacity.updated(text_of(capacity.DOCUMENT)), "utf-8")

@@ -13,6 +13,7 @@ from service.formats.mesh.registry import MESH_FORMATS
 from service.formats.points.registry import POINT_FORMATS
 from service.formats.weights import WEIGHT_FORMATS
 from service.settings import Settings
+from tests.project import capacity
 from tests.project.documents import DOCUMENTS, ROOT, anchors, code, name_of, rows, section, text_of
 from tests.project.quoted_figures import QUOTES, Quote, measured_rows
 from tests.project.settings_table import names, rewrite
@@ -146,3 +147,8 @@ def test_figures_equal_the_report(quote: Quote) -> None:
     measured = rows("|-|\n" + "\n".join(measured_rows(quote).values()))
     assert len(quoted) >= 5
     assert [row for row in quoted if row not in measured] == []
+
+
+def test_needs_of_capacity_follow_from_the_reports() -> None:
+    text = text_of(capacity.DOCUMENT)
+    assert text == capacity.updated(text), "run python -m tests.project.quoted_figures"
