@@ -9,7 +9,7 @@ from service.formats.weights import WeightFormatName
 from service.mapping.spec import MAX_K
 from service.runtime.composition import Mode
 from service.runtime.options import EncodeOptions, MeshOptions, PathOptions, PictureOptions, PointOptions
-from service.storage.labels import MAX_LABEL, clean_label
+from service.storage.labels import LABEL_SCHEMA, MAX_LABEL, clean_label
 
 PointFormatName = Literal["ply", "npy", "xyz", "json", "glb", "gltf", "pcd", "f32", "f16"]
 MeshFormatName = Literal["glb", "gltf", "obj", "stl", "ply"]
@@ -44,10 +44,9 @@ class Label(NoQuery):
     model_config = ConfigDict(strict=True)
 
     label: str | None = Field(
-        max_length=4 * MAX_LABEL,
-        description=f"name of the object, one line of at most {MAX_LABEL} characters, not counting spaces around it; "
-        "null or an empty text removes it",
+        description=f"name of the object, one line of at most {MAX_LABEL} characters; null or an empty text removes it",
         examples=["Desk chair"],
+        json_schema_extra=dict(LABEL_SCHEMA),
     )
 
     @field_validator("label")

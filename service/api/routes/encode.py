@@ -26,7 +26,7 @@ from service.mapping.spec import Functions
 from service.runtime.frames import complete_record
 from service.runtime.parts import Runtime
 from service.runtime.photos import PhotoKey, photo_id, photo_key, photo_record
-from service.storage.labels import MAX_LABEL
+from service.storage.labels import LABEL_SCHEMA
 from service.storage.rows import Details, Record
 
 router = APIRouter()
@@ -41,7 +41,7 @@ FORM: Final = {
             "image": {"type": "string", "format": "binary", "description": IMAGE_TYPES},
             "label": {
                 "type": "string",
-                "maxLength": MAX_LABEL,
+                **LABEL_SCHEMA,
                 "description": "name of the object, one line; kept unless the object has one already",
             },
         },
