@@ -1,4 +1,4 @@
-// Shell lines that repeat what the page just did, each with a button that copies it.
+// Lines of code that repeat what the page just did, each with a button that copies it.
 
 import { curlAuthorization } from "./key.js";
 import { text } from "./text.js";
@@ -7,8 +7,13 @@ import { text } from "./text.js";
 export function showCurl(element, before, path) {
   const address = new URL(path, document.baseURI).href;
   const quoted = /[?&]/.test(address) ? `"${address}"` : address;
+  showCode(element, ["curl", curlAuthorization(), before, quoted].filter(Boolean).join(" "));
+}
+
+/** Show code in a `.curl` element. */
+export function showCode(element, content) {
   const code = document.createElement("code");
-  code.textContent = ["curl", curlAuthorization(), before, quoted].filter(Boolean).join(" ");
+  code.textContent = content;
   const button = document.createElement("button");
   button.type = "button";
   button.textContent = text("copy");

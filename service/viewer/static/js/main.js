@@ -2,12 +2,12 @@
 import { allWords, compose, fetchObject } from "./api.js";
 import { showCurl } from "./curl.js";
 import { markCards, reloadGallery, startGallery, updateCard } from "./gallery.js";
-import { hideName, showName, startNaming } from "./name.js";
+import { hideName, showName, startNaming } from "./object/name.js";
 import { watchConnection } from "./notice.js";
 import { hidePhoto, showModels, startPhotos } from "./photo.js";
 import { attempt } from "./problem.js";
 import { text, translatePage } from "./text.js";
-import { clearView, focusStage, showObject, showWords, startView, stopWorking } from "./view.js";
+import { clearView, focusStage, showObject, showWords, startView, stopWorking } from "./object/view.js";
 
 const ADDRESS = /^#\/objects\/(\w+)$/; // of an object, after the page's own
 const galleryLine = document.querySelector('.curl[data-of="gallery"]');

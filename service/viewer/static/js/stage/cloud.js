@@ -1,4 +1,4 @@
-// The points of one object on the graphics card, or its surface.
+// One object on the graphics card: points that were fetched or computed there, or its surface.
 import {
   BufferGeometry,
   DynamicDrawUsage,
@@ -29,12 +29,14 @@ export class Cloud {
 
   /** Remove all points. */
   clear() {
+    this.setComputed();
     this.bytes = new Uint8Array(0);
     this.filled = 0; // bytes received
   }
 
-  /** Number of points that have arrived in full. */
+  /** Number of points that have arrived in full, or were computed. */
   get count() {
+    if (this.computed) return this.computed.done;
     return Math.floor(this.filled / this.size);
   }
 
@@ -66,6 +68,7 @@ export class Cloud {
   get lightness() {
     const paint = this.surface?.geometry.getAttribute("paint");
     if (paint) return mean(paint.array, 1) ** (1 / 2.2);
+    if (this.computed) return this.computed.lightness;
     if (!this.object.color || !this.count) return undefined;
     const channels = [12, 13, 14].map((first) => mean(this.bytes.subarray(first, this.count * this.size), this.size));
     return channels.reduce((sum, channel) => sum + channel) / (3 * 255);
@@ -75,6 +78,7 @@ export class Cloud {
   paint(inColor) {
     const kind = inColor && this.object.color ? "painted" : "shaded";
     this.points.material = this.materials.points[kind];
+    if (this.computed) this.computed.points.material = this.materials.points[kind];
     if (this.surface) this.surface.material = this.materials.surface[kind];
   }
 
@@ -89,7 +93,8 @@ export class Cloud {
 
   /** Draw the first n points, at most those that have arrived. */
   show(n) {
-    this.points.geometry.setDrawRange(0, Math.min(n, this.count));
+    if (this.computed) this.computed.show(n);
+    else this.points.geometry.setDrawRange(0, Math.min(n, this.count));
     if (this.shadow) this.shadow.visible = Boolean(this.surface || this.count);
   }
 
@@ -101,11 +106,27 @@ export class Cloud {
     }
     this.surface = mesh;
     if (mesh) this.scene.add(mesh);
-    this.points.visible = !mesh;
+    this.points.visible = !mesh && !this.computed;
+    if (this.computed) this.computed.points.visible = !mesh;
+  }
+
+  /** Draw points that are computed here (ComputedPoints); without an argument, those that were fetched. */
+  setComputed(computed) {
+    if (this.computed) {
+      this.scene.remove(this.computed.points);
+      this.computed.dispose();
+    }
+    this.computed = computed;
+    if (computed) {
+      computed.points.visible = !this.surface;
+      this.scene.add(computed.points);
+    }
+    this.points.visible = !this.surface && !computed;
   }
 
   dispose() {
     this.setSurface();
+    this.setComputed();
     this.points.geometry.dispose();
   }
 }

@@ -1,7 +1,7 @@
 // The download menu: a file of the shown object, and the curl line that fetches the same.
-import { fetchFile, filePath } from "./api.js";
-import { showCurl } from "./curl.js";
-import { attempt } from "./problem.js";
+import { fetchFile, filePath } from "../api.js";
+import { showCurl } from "../curl.js";
+import { attempt } from "../problem.js";
 
 const form = document.getElementById("download");
 const format = document.getElementById("format");

@@ -1,19 +1,22 @@
 // The shown objects: surface or points, their number and seed, and how far they have arrived.
-import { fetchPicture, streamPoints } from "./api.js";
-import { copyText } from "./curl.js";
+import { fetchPicture, streamPoints } from "../api.js";
+import { copyText } from "../curl.js";
+import { attempt } from "../problem.js";
+import { Cloud } from "../stage/cloud.js";
+import { ComputedPoints, isComputable } from "../stage/function.js";
+import { Stage } from "../stage/stage.js";
+import { fetchSurface } from "../stage/surface.js";
+import { language, number, text } from "../text.js";
 import { hideDownloads, preferFormat, showDownloads, startDownloads } from "./download.js";
-import { attempt } from "./problem.js";
-import { Cloud } from "./stage/cloud.js";
-import { Stage } from "./stage/stage.js";
-import { fetchSurface } from "./stage/surface.js";
-import { language, number, text } from "./text.js";
+import { hideFunction, showFunction } from "./function.js";
+import { fetchFunctions, formOf } from "./weights.js";
 
 const element = (id) => document.getElementById(id);
-const ids = ["n", "dots", "seed", "color", "surface", "words", "stills", "link", "working", "empty"];
-const [slider, dots, seed, color, surface, words, stills, link, working, empty] = ids.map(element);
+const ids = ["n", "dots", "seed", "color", "surface", "live", "words", "stills", "link", "working", "empty"];
+const [slider, dots, seed, color, surface, live, words, stills, link, working, empty] = ids.map(element);
 const progress = document.querySelector("#view progress");
 
-const MAX_POINTS = Number(`1e${slider.max}`); // on the stage, all clouds together
+const [FETCHED, COMPUTED] = [6, 7]; // decimal logarithms of the most points on the stage, all clouds together
 const STILL = 512; // pixels of a picture that is shown instead of the stage
 const [CLOSE, ROUGH] = [0.6, 0.4]; // expected F-scores at 2% of the longest side
 
@@ -65,6 +68,7 @@ export function clearView() {
   clouds = [];
   stage?.set(clouds);
   hideDownloads();
+  hideFunction();
   const view = element("view");
   if (view.getBoundingClientRect().top > innerHeight / 2) view.scrollIntoView({ block: "start" });
 }
@@ -109,11 +113,14 @@ function label(object, name) {
 function show(objects) {
   working.hidden = true;
   empty.hidden = Boolean(stage);
+  live.parentElement.hidden = !stage || !objects.every(isComputable);
+  live.checked &&= !live.parentElement.hidden;
   color.parentElement.hidden = !objects.some((object) => object.color);
   clouds = objects.map((object) => new Cloud(object, stage?.materials));
   if (clouds.length > 1) hideDownloads();
   stage?.set(clouds);
   if (!stage) attempt(() => showStills(objects));
+  showControls();
   fill();
 }
 
@@ -129,7 +136,7 @@ async function showStills(objects) {
 /** Points of each cloud: the slider's value, rounded to two digits. */
 function pointsPerCloud() {
   const n = Number((10 ** Number(slider.value)).toPrecision(2));
-  return Math.min(n, Math.floor(MAX_POINTS / Math.max(1, clouds.length)));
+  return Math.min(n, Math.floor(10 ** slider.max / Math.max(1, clouds.length)));
 }
 
 /** What a download would save: the object that is shown alone, and how. */
@@ -145,12 +152,13 @@ function fill() {
   showNumbers();
   if (!stage) return;
   const { signal } = filling;
-  const tasks = clouds.map((cloud) => (surface.checked ? fillSurface(cloud, signal) : fillPoints(cloud, signal)));
-  attempt(() => Promise.all(tasks));
+  const task = surface.checked ? fillSurface : live.checked ? fillComputed : fillPoints;
+  attempt(() => Promise.all(clouds.map((cloud) => task(cloud, signal))));
 }
 
 async function fillPoints(cloud, signal) {
   cloud.setSurface();
+  cloud.setComputed();
   cloud.reserve(pointsPerCloud());
   const query = { n: pointsPerCloud() - cloud.count, seed: seed.value, offset: cloud.count };
   if (query.n <= 0) return;
@@ -159,6 +167,23 @@ async function fillPoints(cloud, signal) {
     stage.redraw();
     showArrived();
   });
+}
+
+/** Compute the missing points on the graphics card. */
+async function fillComputed(cloud, signal) {
+  if (!cloud.computed) {
+    const functions = await fetchFunctions(cloud.object);
+    if (signal.aborted) return;
+    const form = formOf(functions, cloud.object.frame);
+    cloud.setComputed(new ComputedPoints(stage.renderer, functions, form, seed.value));
+  }
+  cloud.setSurface();
+  const n = pointsPerCloud();
+  while (cloud.count < n && !signal.aborted) {
+    await cloud.computed.extend(n);
+    stage.redraw();
+    showArrived();
+  }
 }
 
 async function fillSurface(cloud, signal) {
@@ -185,6 +210,8 @@ function showArrived() {
   }
   const n = pointsPerCloud();
   const arrived = Math.min(n, ...clouds.map((cloud) => cloud.count));
+  const [{ object, computed } = {}] = clouds;
+  if (clouds.length === 1 && computed && arrived) showFunction(object, computed.functions, arrived, seed.value);
   progress.value = clouds.length ? arrived / n : 0;
   progress.classList.toggle("done", arrived === n || !clouds.length);
   const key = arrived === n ? "nPoints" : "nOfPoints";
@@ -202,12 +229,14 @@ function showTriangles() {
 
 /** Offer the controls of what is shown: points have a number and a size. */
 function showControls() {
+  slider.max = live.checked ? COMPUTED : FETCHED;
+  if (!live.checked || clouds.length > 1) hideFunction();
   slider.disabled = dots.disabled = seed.disabled = surface.checked;
   element("cloud").hidden = surface.checked;
 }
 
 function listen() {
-  slider.addEventListener("input", showNumbers);
+  slider.addEventListener("input", () => (live.checked ? fill() : showNumbers()));
   slider.addEventListener("change", fill);
   dots.addEventListener("input", () => stage?.resizeDots(2 ** dots.valueAsNumber));
   seed.addEventListener("change", () => {
@@ -219,11 +248,14 @@ function listen() {
     stage?.paint(color.checked);
     if (clouds.length === 1) showDownloads();
   });
-  surface.addEventListener("change", () => {
-    showControls();
-    preferFormat(surface.checked ? "mesh" : "points");
-    fill();
-  });
+  for (const [shown, other] of [[surface, live], [live, surface]]) {
+    shown.addEventListener("change", () => {
+      other.checked &&= !shown.checked;
+      showControls();
+      preferFormat(surface.checked ? "mesh" : "points");
+      fill();
+    });
+  }
   element("reset").addEventListener("click", () => stage?.reset());
   element("fullscreen").hidden = !document.fullscreenEnabled;
   element("fullscreen").addEventListener("click", toggleFullscreen);

@@ -1,6 +1,6 @@
 // The name of the object that is shown alone; visitors may change it.
-import { relabel } from "./api.js";
-import { attempt } from "./problem.js";
+import { relabel } from "../api.js";
+import { attempt } from "../problem.js";
 
 const input = document.getElementById("name");
 
