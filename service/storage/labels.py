@@ -7,7 +7,7 @@ from service.errors import InvalidParameter
 
 MAX_LABEL: Final = 80  # characters
 ONE_LINE: Final = r"^[^\u0000-\u001f\u007f-\u009f\u2028\u2029]*$"  # no control characters, no line breaks
-LABEL_SCHEMA: Final = {"maxLength": MAX_LABEL, "pattern": ONE_LINE}
+LABEL_SCHEMA: Final[dict[str, int | str]] = {"maxLength": MAX_LABEL, "pattern": ONE_LINE}
 
 
 def clean_label(text: str) -> str | None:
