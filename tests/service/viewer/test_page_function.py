@@ -38,6 +38,12 @@ def _sampled(address: str, object_id: str, n: int, seed: int) -> tuple[np.ndarra
     return np.array(answer["points"]), np.array(answer.get("colors", np.zeros((n, 3))))
 
 
+def _ids(address: str) -> list[str]:
+    """Return the ids of the chair and the armchair."""
+    photos = [photo(name).read_bytes() for name in ("chair", "armchair")]
+    return [httpx.post(f"{address}/encode", content=content).json()["id"] for content in photos]
+
+
 @pytest.mark.parametrize("seed", [0, 7, 2**53 - 1])
 def test_points_of_the_browser_are_those_of_the_service(page: Page, address: str, seed: int) -> None:
     for item in httpx.get(f"{address}/objects").json()["items"][:2]:
@@ -49,10 +55,7 @@ def test_points_of_the_browser_are_those_of_the_service(page: Page, address: str
 
 
 def test_points_of_a_word_in_the_browser_are_those_of_the_service(page: Page, address: str) -> None:
-    ids = [
-        httpx.post(f"{address}/encode", content=photo(name).read_bytes()).json()["id"] for name in ("chair", "armchair")
-    ]
-    word = httpx.post(f"{address}/compose", json={"objects": ids}).json()
+    word = httpx.post(f"{address}/compose", json={"objects": _ids(address)}).json()
     points, _ = _computed(page, word["id"], 2000, 0)
     assert np.abs(points - _sampled(address, word["id"], 2000, 0)[0]).max() < TOLERANCE
 
@@ -82,3 +85,53 @@ def test_object_is_drawn_from_the_function_alone(page: Page, tmp_path: Path) -> 
     page.get_by_role("switch", name="Surface").check()
     expect(page.locator("#count")).to_have_text(TRIANGLES)
     expect(page.locator("#function")).to_be_hidden()
+
+
+MORPH = """async ([ids, place, n]) => {
+    const { WebGLRenderer } = await import("three");
+    const { ComputedPoints } = await import("/viewer/js/stage/function.js");
+    const { fetchFunctions } = await import("/viewer/js/object/weights.js");
+    const { formAt, joined } = await import("/viewer/js/object/morph.js");
+    const way = await Promise.all(ids.map(async (id) => (await fetch(`objects/${id}`)).json()));
+    const functions = joined(await fetchFunctions(way[0]), await fetchFunctions(way.at(-1)));
+    const renderer = new WebGLRenderer({ canvas: document.createElement("canvas") });
+    const computed = new ComputedPoints(renderer, functions, formAt(way, place, functions));
+    while (computed.done < n) await computed.extend(n);
+    return [...computed.read(0, n).points];
+}"""
+
+
+def test_way_between_two_objects_meets_their_word(page: Page, address: str) -> None:
+    ids = _ids(address)
+    word = httpx.post(f"{address}/compose", json={"objects": ids}).json()["id"]
+    way = [ids[0], word, ids[1]]
+    between = []
+    for place in (0, 1, 2, 1.5):
+        points = np.array(page.evaluate(MORPH, [way, place, 2000])).reshape(-1, 3)
+        if place == 1.5:
+            assert all(np.abs(points - other).max() > 0.01 for other in between)
+            assert np.abs(points).max() < 1
+        else:
+            assert np.abs(points - _sampled(address, way[place], 2000, 0)[0]).max() < TOLERANCE
+            between.append(points)
+
+
+def test_slider_between_two_objects_draws_the_way(page: Page) -> None:
+    mix = page.locator("#gallery .mix")
+    mix.nth(0).press("Enter")
+    mix.nth(1).press("Enter")
+    expect(page.locator("#words button")).to_have_text(["A", "AB", "BA", "B"])
+    shown = []
+    for place in (0.5, 1.5):
+        page.locator("#between").evaluate(
+            "(slider, value) => { slider.value = value; slider.dispatchEvent(new Event('input')) }", place
+        )
+        expect(page.locator("#count")).to_have_text("60,000 points")
+        expect(page.locator("#words")).to_be_hidden()
+        page.wait_for_timeout(2000)
+        shown.append(pixels(page))
+    assert (shown[0] != shown[1]).mean() > 0.02
+    assert page.locator("#between").get_attribute("aria-valuetext") == "75% B"
+    page.screenshot(path=PICTURES / "morph.png", full_page=True)
+    page.get_by_role("button", name="Side by side").click()
+    expect(page.locator("#words button")).to_have_count(4)

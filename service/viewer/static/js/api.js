@@ -106,15 +106,15 @@ export async function listObjects(cursor, limit) {
   return (await call(`objects?${query}`)).json();
 }
 
-/** The request body for all words over two objects. */
-export function allWords(first, second) {
-  return JSON.stringify({ objects: [first.id, second.id], mode: "all" });
+/** The request body for the word of objects, the last one applied first. */
+export function wordBody(objects) {
+  return JSON.stringify({ objects: objects.map(({ id }) => id) });
 }
 
-/** Post a body of `allWords`; return the words' objects in lexicographic order. */
+/** Post a body of `wordBody`; return the word's object. */
 export async function compose(body) {
   const headers = { "Content-Type": "application/json" };
-  return (await (await call("compose", { method: "POST", headers, body })).json()).objects;
+  return (await call("compose", { method: "POST", headers, body })).json();
 }
 
 /** Fetch a file of the service: {blob, name}. */

@@ -18,6 +18,7 @@ const pictures = new Map(); // addresses by id: {picture, photo}
 const leaving = new Map(); // timers of deletions that can be undone, by id
 let cursor = null;
 let picked = null; // id of the first object of a mix
+let dragged; // the object that is being dragged
 let actions = {};
 let marks = {}; // labels of the shown objects, by id
 
@@ -84,7 +85,7 @@ function add(object) {
   const card = { object, item };
   cards.set(object.id, card);
   fill(card);
-  if (!object.word) acceptDrags(card);
+  if (canMix(object)) acceptDrags(card);
   list.append(item);
   seen.observe(item);
 }
@@ -127,7 +128,7 @@ function face({ object }) {
 function foot(card) {
   const { object } = card;
   const row = document.createElement("p");
-  if (!object.word) {
+  if (canMix(object)) {
     const mix = buttonOf("mix", text("mix"), text("mixNamed", { name: nameOf(object) }));
     mix.setAttribute("aria-pressed", "false");
     mix.addEventListener("click", () => choose(object.id));
@@ -185,15 +186,26 @@ function compose(first, second) {
   actions.compose(cards.get(first).object, cards.get(second).object);
 }
 
-/** Offer only objects of the same model as the picked one. */
+/** Whether an object can be part of a mix: it is no mix itself, and its function is applied more than once. */
+function canMix({ word, spec }) {
+  return !word && spec.k > 1;
+}
+
+/** Whether two objects can be mixed: they have functions of the same kind, from the same model. */
+function isPair(first, second) {
+  const kindOf = ({ model, spec }) => JSON.stringify([model, spec]);
+  return first.id !== second.id && kindOf(first) === kindOf(second);
+}
+
+/** Offer only objects that can be mixed with the picked one. */
 function pick(id) {
   picked = id;
-  const model = cards.get(id)?.object.model;
+  const first = cards.get(id)?.object;
   for (const [each, { item, object }] of cards) {
     const button = item.querySelector(".mix");
     if (!button) continue;
     button.setAttribute("aria-pressed", String(each === id));
-    button.disabled = id !== null && object.model !== model;
+    button.disabled = id !== null && each !== id && !isPair(first, object);
   }
   hint.textContent = text(id === null ? "hint" : "hintPicked");
 }
@@ -201,11 +213,12 @@ function pick(id) {
 function acceptDrags({ object, item }) {
   item.draggable = true;
   item.addEventListener("dragstart", (event) => {
+    dragged = object;
     event.dataTransfer.setData("application/x-hof-object", object.id);
     event.dataTransfer.effectAllowed = "link";
   });
   item.addEventListener("dragover", (event) => {
-    if (!event.dataTransfer.types.includes("application/x-hof-object")) return;
+    if (!event.dataTransfer.types.includes("application/x-hof-object") || !isPair(dragged, object)) return;
     event.preventDefault();
     event.dataTransfer.dropEffect = "link";
     item.classList.add("over");
@@ -214,7 +227,6 @@ function acceptDrags({ object, item }) {
   item.addEventListener("drop", (event) => {
     event.preventDefault();
     item.classList.remove("over");
-    const id = event.dataTransfer.getData("application/x-hof-object");
-    if (cards.has(id) && id !== object.id) compose(id, object.id);
+    if (dragged && isPair(dragged, object) && cards.has(dragged.id)) compose(dragged.id, object.id);
   });
 }

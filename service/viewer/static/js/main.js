@@ -1,12 +1,12 @@
 // The page: encode a photo, show objects, mix two of them.
-import { allWords, compose, fetchObject } from "./api.js";
+import { compose, fetchObject, wordBody } from "./api.js";
 import { showCurl } from "./curl.js";
 import { markCards, reloadGallery, startGallery, updateCard } from "./gallery.js";
 import { hideName, showName, startNaming } from "./object/name.js";
 import { watchConnection } from "./notice.js";
 import { hidePhoto, showModels, startPhotos } from "./photo.js";
 import { attempt } from "./problem.js";
-import { text, translatePage } from "./text.js";
+import { translatePage } from "./text.js";
 import { clearView, focusStage, showObject, showWords, startView, stopWorking } from "./object/view.js";
 
 const ADDRESS = /^#\/objects\/(\w+)$/; // of an object, after the page's own
@@ -34,19 +34,32 @@ function open(object) {
 
 function composeTwo(first, second) {
   return attempt(async () => {
-    const body = allWords(first, second);
-    showCurl(galleryLine, `-H "Content-Type: application/json" -d '${body}'`, "compose");
-    const objects = await compose(body);
+    const labels = labelsFor(first.spec.k);
+    const objects = [];
+    for (const label of labels) objects.push(await objectOf(label, { A: first, B: second }));
     const letters = { [first.id]: "A", [second.id]: "B" };
-    const labels = objects.map((object) => object.word.map((id) => letters[id]).join(""));
-    const about = `All words over A and B: ${labels[1]} is ${formula(labels[1])}; the last letter is applied first.`;
+    const about = `Words over A and B: ${labels[1]} is ${formula(labels[1])}; the last letter is applied first.`;
     await reloadGallery();
     hidePhoto();
     hideName();
     markCards(letters);
-    showWords(objects, labels, text("mixes"), about);
+    showWords({ objects, labels, way: objects.filter((_, index) => labels[index] !== "BA"), about });
     focusStage();
   });
+}
+
+/** The words from A to B, one letter after the other; of two letters, the other order too. Copies are no words. */
+function labelsFor(k) {
+  const between = Array.from({ length: k - 1 }, (_, index) => "A".repeat(k - 1 - index) + "B".repeat(index + 1));
+  return ["A", ...between, ...(k === 2 ? ["BA"] : []), "B"];
+}
+
+/** The object of a label; a word is composed, with its curl line, unless it is one of the two objects. */
+async function objectOf(label, letters) {
+  if (label.length === 1) return letters[label];
+  const body = wordBody([...label].map((letter) => letters[letter]));
+  showCurl(galleryLine, `-H "Content-Type: application/json" -d '${body}'`, "compose");
+  return compose(body);
 }
 
 /** The formula of a word: AB is A(B(x)). */

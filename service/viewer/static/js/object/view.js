@@ -9,6 +9,7 @@ import { fetchSurface } from "../stage/surface.js";
 import { language, number, text } from "../text.js";
 import { hideDownloads, preferFormat, showDownloads, startDownloads } from "./download.js";
 import { hideFunction, showFunction } from "./function.js";
+import { hideMorph, offerMorph, startMorph } from "./morph.js";
 import { fetchFunctions, formOf } from "./weights.js";
 
 const element = (id) => document.getElementById(id);
@@ -24,6 +25,7 @@ let stage; // undefined if the browser has no WebGL
 let clouds = [];
 let filling = new AbortController();
 let openAlone; // shows one object of several
+let shownMix; // of `showWords`
 
 /** Set up the view; `open(object)` is called when one of several objects is chosen. */
 export function startView(open) {
@@ -34,6 +36,7 @@ export function startView(open) {
     empty.textContent = text("noWebgl");
   }
   startDownloads(chosen);
+  startMorph({ stage, show: showMorph, back: () => showWords(shownMix) });
   listen();
   showControls();
   showNumbers();
@@ -48,13 +51,19 @@ export function showObject(object) {
   link.hidden = false;
 }
 
-/** Show words side by side, each with a label; a click on the label opens that word alone. */
-export function showWords(objects, labels, summary, about) {
-  element("summary").textContent = summary;
+/**
+ * Show words side by side, each with a label; a click on the label opens that word alone.
+ * `mix`: {objects, labels, way, about}; `way` are the objects from A to B, for a slider between them.
+ */
+export function showWords(mix) {
+  const { objects, labels, way, about } = mix;
+  element("summary").textContent = text("mixes");
   element("about").textContent = about;
   words.replaceChildren(...objects.map((object, index) => label(object, labels[index])));
   words.hidden = false;
   show(objects);
+  shownMix = mix;
+  if (stage) offerMorph(way);
   words.style.setProperty("--columns", stage?.grid.columns ?? 2);
   link.hidden = true;
 }
@@ -69,6 +78,7 @@ export function clearView() {
   stage?.set(clouds);
   hideDownloads();
   hideFunction();
+  hideMorph();
   const view = element("view");
   if (view.getBoundingClientRect().top > innerHeight / 2) view.scrollIntoView({ block: "start" });
 }
@@ -110,8 +120,22 @@ function label(object, name) {
   return item;
 }
 
+/** Show one cloud of n points instead of the words. */
+function showMorph(cloud, n) {
+  filling.abort();
+  words.hidden = true;
+  surface.disabled = live.disabled = seed.disabled = true;
+  element("cloud").hidden = true;
+  clouds = [cloud];
+  stage.set(clouds);
+  stage.show(n);
+  element("count").textContent = text("nPoints", { n: number(n) });
+}
+
 function show(objects) {
   working.hidden = true;
+  hideMorph();
+  surface.disabled = live.disabled = false;
   empty.hidden = Boolean(stage);
   live.parentElement.hidden = !stage || !objects.every(isComputable);
   live.checked &&= !live.parentElement.hidden;
@@ -246,7 +270,7 @@ function listen() {
   });
   color.addEventListener("change", () => {
     stage?.paint(color.checked);
-    if (clouds.length === 1) showDownloads();
+    if (clouds.length === 1 && words.hidden && !link.hidden) showDownloads();
   });
   for (const [shown, other] of [[surface, live], [live, surface]]) {
     shown.addEventListener("change", () => {
