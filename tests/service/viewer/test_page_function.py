@@ -1,6 +1,7 @@
 """The page in Chromium: points that the browser's graphics card computes from theta alone."""
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import httpx
@@ -42,6 +43,15 @@ def _ids(address: str) -> list[str]:
     """Return the ids of the chair and the armchair."""
     photos = [photo(name).read_bytes() for name in ("chair", "armchair")]
     return [httpx.post(f"{address}/encode", content=content).json()["id"] for content in photos]
+
+
+@pytest.fixture(autouse=True)
+def no_fault_of_webgl(page: Page) -> Iterator[None]:
+    """Fail if WebGL refuses a call, which it only warns of."""
+    faults: list[str] = []
+    page.on("console", lambda message: faults.append(message.text) if "GL_INVALID" in message.text else None)
+    yield
+    assert faults == []
 
 
 @pytest.mark.parametrize("seed", [0, 7, 2**53 - 1])

@@ -141,6 +141,7 @@ export class ComputedPoints {
     gl.useProgram(this.program);
     gl.bindVertexArray(this.array);
     this.#set(begin);
+    gl.bindBuffer(gl.ARRAY_BUFFER, null); // three.js may have left the points there, which then cannot be written
     gl.bindTransformFeedback(gl.TRANSFORM_FEEDBACK, this.feedback);
     [POINT_BYTES, PAINT_BYTES].forEach((size, index) => {
       gl.bindBufferRange(gl.TRANSFORM_FEEDBACK_BUFFER, index, this.buffers[index], begin * size, n * size);
