@@ -40,6 +40,7 @@ ATTEMPTS: Final = 10  # of a write that other writes thwart
 REOPEN_S: Final = 1.0
 MAX_NAMED: Final = 10  # composed objects that a refused deletion lists
 ONE: Final = select(*WHOLE).where(objects.c.id == bindparam("of"))  # built once: every photo runs it
+HEAD: Final = select(*HEADER).where(objects.c.id == bindparam("of"))  # every call of an object's file
 
 
 class Store:
@@ -132,17 +133,20 @@ class Store:
 
     async def get(self, object_id: str) -> tuple[Record, Functions]:
         """Return an object and its functions (`find`). Raises NotFound."""
-        match = await self.find(object_id)
-        if match is None:
-            raise NotFound(f"no object has the id {object_id}")
-        return match
+        if match := await self.find(object_id):
+            return match
+        raise NotFound(f"no object has the id {object_id}")
 
     async def record(self, object_id: str) -> Record:
         """Return an object without its functions. Raises NotFound."""
-        records = await self.records([object_id])
-        if object_id not in records:
-            raise NotFound(f"no object has the id {object_id}")
-        return records[object_id]
+        if record := await self.find_record(object_id):
+            return record
+        raise NotFound(f"no object has the id {object_id}")
+
+    async def find_record(self, object_id: str) -> Record | None:
+        """Return an object without its functions, or None."""
+        row = await self._run(lambda connection: connection.execute(HEAD, {"of": object_id}).first())
+        return None if row is None else record_of(row)
 
     async def complete(self, object_id: str, frame: Frame, missing: Mapping[str, Any]) -> Record:
         """Keep what an object lacks: its frame, and details (`Details.missing_in`). Return the record.

@@ -143,7 +143,7 @@ async def _find_repeat(
     if query.include == "weights":
         record, functions = await runtime.store.find(object_id) or (None, None)
     else:
-        record, functions = (await runtime.store.records([object_id])).get(object_id), None
+        record, functions = await runtime.store.find_record(object_id), None
     if record is None or record.image is None or (query.keep_photo and not record.has_photo):
         return None
     record, _ = await complete_record(runtime, record, Details(label=label), client=client)
