@@ -75,7 +75,7 @@ def build(
 
 def _read_clouds(files: Mapping[str, Path]) -> dict[str, Array]:
     """Return the points of objects, by id."""
-    return {id_: np.load(file)["points"] for id_, file in tqdm(files.items(), desc="read", unit="object")}
+    return {id_: np.load(file)["points"] for id_, file in tqdm(files.items(), desc="read", unit="object", disable=None)}
 
 
 def _fixed_splits(

@@ -71,7 +71,7 @@ def run_with_report(
 ) -> Report:
     """Call `run_isolated` behind a progress bar that also prints failures and remarks; return both."""
     report = Report({}, {})
-    for outcome in tqdm(run_isolated(function, jobs, processes), total=len(jobs), desc=desc, unit=unit):
+    for outcome in tqdm(run_isolated(function, jobs, processes), total=len(jobs), desc=desc, unit=unit, disable=None):
         if outcome.failure:
             report.failures[name(outcome.job)] = outcome.failure
             tqdm.write(f"skipped {name(outcome.job)}: {outcome.failure}")

@@ -34,7 +34,7 @@ def fit(spec: MappingSpec, clouds: Floats, seed: int = 0) -> Floats:
     (objects, spec.size) float32.
     """
     batches = [clouds[start : start + BATCH] for start in range(0, len(clouds), BATCH)]
-    with tqdm(total=len(batches) * STEPS, desc="ceiling", unit="step") as bar:
+    with tqdm(total=len(batches) * STEPS, desc="ceiling", unit="step", disable=None) as bar:
         return np.concatenate([_fit(spec, batch, seed, bar) for batch in batches])
 
 

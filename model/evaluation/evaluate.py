@@ -146,7 +146,7 @@ def measure_objects(
 def in_threads(work: Callable[[Case], T], objects: Sequence[Case], description: str) -> list[T]:
     """Return `work(object)` for all objects, in order; `description` labels the progress bar."""
     with ThreadPoolExecutor(os.cpu_count()) as threads:
-        return list(tqdm(threads.map(work, objects), total=len(objects), desc=description, unit="object"))
+        return list(tqdm(threads.map(work, objects), total=len(objects), desc=description, unit="object", disable=None))
 
 
 def _mean(views: Sequence[dict[str, float]]) -> dict[str, float]:

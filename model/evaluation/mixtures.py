@@ -169,10 +169,10 @@ def _figures(
     """Return FIGURES of A, of B and of every mixture, pair by pair."""
     mixtures = [*mixed_words(spec.k), AVERAGE]
     objects = {index: _draw(spec, thetas[index]) for a, b, _ in pairs for index in (a, b)}
-    progress = tqdm(objects.items(), desc="objects", unit="object")
+    progress = tqdm(objects.items(), desc="objects", unit="object", disable=None)
     object_distances = {index: training.distance(cloud) for index, cloud in progress}
     rows = []
-    for a, b, _ in tqdm(pairs, desc="mixtures", unit="pair"):
+    for a, b, _ in tqdm(pairs, desc="mixtures", unit="pair", disable=None):
         parents = [_draw(spec, thetas[index], seed=1) for index in (a, b)]
         clouds = [_draw(spec, thetas[a], thetas[b], name) for name in mixtures]
         distances = [object_distances[a], object_distances[b], *(training.distance(cloud) for cloud in clouds)]

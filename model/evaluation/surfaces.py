@@ -175,7 +175,7 @@ def _points_trial(samplers: Sequence[Sampler], objects: Sequence[Case]) -> Trial
 def _trial(way: str, make: Way, samplers: Sequence[Sampler], objects: Sequence[Case], seed: int) -> Trial:
     make(samplers[0])  # warm up: imports and caches
     figures, closed, triangles, times = [], [], [], []
-    for sampler, case in tqdm(list(zip(samplers, objects, strict=True)), desc=way, unit="object"):
+    for sampler, case in tqdm(list(zip(samplers, objects, strict=True)), desc=way, unit="object", disable=None):
         (vertices, corners), ms = _time(make, sampler)
         mesh = trimesh.Trimesh(vertices, corners, process=False)
         points, _ = trimesh.sample.sample_surface(mesh, PREDICTED_POINTS, seed=seed)

@@ -47,7 +47,9 @@ def train(data: Path, run: Path, config: TrainConfig) -> Path:
         _compute_threads(parts) as threads,
         _compute_threads(1, threads_each=1) as loader,
         (run / "log.jsonl").open("a", encoding="utf-8") as log,
-        tqdm(total=1_000, initial=round(1_000 * state.progress), unit=" thousandths", desc="train") as bar,
+        tqdm(
+            total=1_000, initial=round(1_000 * state.progress), unit=" thousandths", desc="train", disable=None
+        ) as bar,
     ):
         start, last_save = time.monotonic() - state.elapsed_s, time.monotonic()
         following = loader.submit(draw_batch, examples, state.config.at(state.progress), state.step)

@@ -50,7 +50,7 @@ def generate(folder: Path, count: int, command: Sequence[str | Path], limit_s: i
     run = _Run(folder, command, limit_s)
     missing = run.missing(count)
     parts = [missing[start : start + PER_WORKER] for start in range(0, len(missing), PER_WORKER)]
-    bar = tqdm(total=count, initial=count - len(missing), desc="infinigen", unit="object")
+    bar = tqdm(total=count, initial=count - len(missing), desc="infinigen", unit="object", disable=None)
     try:
         with bar, ThreadPoolExecutor(processes) as pool:
             futures = [pool.submit(run.make_part, part, bar) for part in parts]

@@ -68,7 +68,7 @@ def pack(folders: Sequence[Path], output: Path, options: PackOptions, processes:
     context = get_context("spawn")  # a fork of a process with threads may hang
     with (
         ProcessPoolExecutor(processes, mp_context=context) as pool,
-        tqdm(total=len(jobs), initial=finished, unit="shape", desc="pack") as bar,
+        tqdm(total=len(jobs), initial=finished, unit="shape", desc="pack", disable=None) as bar,
     ):
         for shapes in _grouped(_packed(pool, jobs[finished:]), options.shard_bytes):
             path = output / f"shard-{len(shards):03d}.npz"

@@ -73,7 +73,7 @@ def _repeats(jobs: Iterable[MeshPieceJob], held_out: Mapping[str, Path]) -> dict
     for job in jobs:
         by_category[job.record.category][job.record.id] = job.target
     repeats: dict[str, str] = {}
-    for targets in tqdm(by_category.values(), desc="compare", unit="category"):
+    for targets in tqdm(by_category.values(), desc="compare", unit="category", disable=None):
         repeats |= duplicates(kept | {id_: _points(target) for id_, target in targets.items()}, first=kept)
     return repeats
 

@@ -93,7 +93,7 @@ def observe(model: Path, objects: Sequence[KnownObject], views: int, seed: int) 
     observer = _Observer(model, objects[0].folder, views, seed)
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         work = threads.map(observer.of_object, objects)
-        seen = list(tqdm(work, total=len(objects), desc="observe", unit="object"))
+        seen = list(tqdm(work, total=len(objects), desc="observe", unit="object", disable=None))
         turned = list(threads.map(lambda each: turned_distances(each.points()), objects))
     numbers = [np.full(len(each.scores), number) for number, each in enumerate(seen)]
     strange = observer.strange([each for each in objects if each.entry.split != "train"], sum(map(len, numbers)))

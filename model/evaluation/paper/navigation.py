@@ -127,7 +127,7 @@ def navigate(job: Job) -> dict[str, tuple[float, float, float]]:
 def _trials(jobs: Sequence[Job]) -> list[Trial]:
     """Plan all jobs, in processes: the searches are many short NumPy calls."""
     with ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("spawn")) as processes:
-        results = list(tqdm(processes.map(navigate, jobs), total=len(jobs), desc="paths", unit="object"))
+        results = list(tqdm(processes.map(navigate, jobs), total=len(jobs), desc="paths", unit="object", disable=None))
     return [
         Trial(method, {name: rounded([each[method][at] for each in results]) for at, name in enumerate(FIGURES)})
         for method in results[0]

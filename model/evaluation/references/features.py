@@ -97,7 +97,9 @@ def training_bank(data: Path, entries: list[Entry], features: Features) -> Bank:
         return features(np.concatenate([over_white(crop) for crop in crops]))
 
     with ThreadPoolExecutor(os.cpu_count()) as threads:
-        features_by_object = list(tqdm(threads.map(views, entries), total=len(entries), desc="features", unit="object"))
+        features_by_object = list(
+            tqdm(threads.map(views, entries), total=len(entries), desc="features", unit="object", disable=None)
+        )
     bank = Bank(ids, np.stack(features_by_object))
     with whole_file(path) as file:
         np.savez(file, ids=np.array(ids), stamps=stamps, size=FRAMING.size, features=bank.features.astype(np.float16))
