@@ -109,7 +109,7 @@ clean: ## remove what was installed, cached and written; data sets and runs stay
 # Servers to compare with, in an environment of their own: they pin other versions of our requirements.
 .venv/peers/stamp: pyproject.toml | .venv/dev.stamp
 	$(PYTHON) -m venv .venv/peers
-	.venv/peers/bin/pip install --quiet --editable . 'litserve>=0.2.10' 'bentoml>=1.4'
+	.venv/peers/bin/pip install --quiet --editable '.[fast]' 'litserve>=0.2.10' 'bentoml>=1.4'
 	@touch $@
 
 .venv/system.stamp: tests/support/system.sh | .venv/bin/python

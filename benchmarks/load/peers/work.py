@@ -9,7 +9,9 @@ from service.api.responses.objects import EncodedObject
 from service.encoding.encoder import Encoder
 from service.encoding.framing import preprocess
 from service.encoding.report import ImageReport
+from service.mapping import compiled
 from service.mapping.box import examine
+from service.mapping.sampler import hold_blas_to_one_thread
 from service.mapping.spec import Functions
 from service.settings import SHIPPED_MODEL
 from service.storage.ids import encoded_id
@@ -22,6 +24,8 @@ class Work:
     def __init__(self) -> None:
         self.encoder = Encoder.open(SHIPPED_MODEL, threads=1)
         self.encoder.warm_up()
+        compiled.load()
+        hold_blas_to_one_thread()
 
     def encode(self, image: bytes) -> tuple[Record, Functions, dict[str, Any]]:
         """Return the record, the functions and the answer for a photo's bytes."""
