@@ -17,6 +17,8 @@ from tests.support.small import model as tiny_model
 
 MOST_POINTS = 1_000  # JSON holds no 10,000,000
 MOST_OFFSET = 2**31  # a Sobol sequence ends at 2^32
+VIEWS = ("GET /objects/{id}/points", "GET /objects/{id}/mesh")
+CAMERA = {"azimuth": 30, "elevation": 20, "distance": 3, "roll": 0}
 
 
 @schemathesis.hook
@@ -32,6 +34,8 @@ def before_call(context: schemathesis.HookContext, case: schemathesis.Case[Any],
         query["n"] = min(int(query["n"]), MOST_POINTS)
     if query.get("sampling") == "sobol" and "offset" in query:
         query["offset"] = min(int(query["offset"]), MOST_OFFSET)
+    if case.operation.label in VIEWS:
+        _complete_camera(query)
     if case.operation.label == "POST /compose" and (word := _word(case.operation.base_url)):
         case.body = {**case.body, "objects": word}  # type: ignore[dict-item]
     if query.get("format", "safetensors") != "safetensors":
@@ -43,6 +47,17 @@ def before_call(context: schemathesis.HookContext, case: schemathesis.Case[Any],
     if case.operation.label in BODIES:
         number = zlib.crc32(repr(case.body).encode()) % 100
         case.media_type, kwargs["data"] = BODIES[case.operation.label](number, case.media_type)
+
+
+def _complete_camera(query: dict[str, Any]) -> None:
+    """Give `frame=camera` a whole camera, for objects that have none, and other frames no camera."""
+    for name in ("fx", "fy", "cx", "cy"):  # these need the object's photo
+        query.pop(name, None)
+    for name, value in CAMERA.items():
+        if query.get("frame") == "camera":
+            query.setdefault(name, value)
+        else:
+            query.pop(name, None)
 
 
 def _id_with_photo(url: str) -> str:

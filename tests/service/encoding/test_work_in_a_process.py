@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 from PIL import Image, ImageCms, ImageDraw
 
-from tests.support import endless_jpeg
 from tests.support.photos import disc, image_file, many_scans, png_chunk, png_file, with_metadata
 from tests.support.processes import hof_serve
 from tests.support.resources import cpu_s
 from tests.support.slow import until
+from tests.support.systems import endless_jpeg
 
 SHARE = 0.1  # of a decoding, after which the client leaves
 WAIT_S = 120

@@ -1,4 +1,4 @@
-"""The command `hof` for which no JPEG ever ends: `python -m tests.support.endless_jpeg serve ...`.
+"""The command `hof` for which no JPEG ever ends: `python -m tests.support.systems.endless_jpeg serve ...`.
 
 The decoder gets the first marker of the file and then zeros, which it skips until the next marker. Each of its reads
 reads the file as well, so whatever stops reading stops the decoding, and nothing else does.
@@ -11,7 +11,7 @@ from PIL.JpegImagePlugin import JpegImageFile
 
 from service.cli import main
 
-COMMAND: Final = (sys.executable, "-m", "tests.support.endless_jpeg")
+COMMAND: Final = (sys.executable, "-m", "tests.support.systems.endless_jpeg")
 BEGUN: Final = "the decoding of a JPEG begins"  # on stderr
 MARKER_BYTES: Final = 2
 
