@@ -23,7 +23,7 @@ def add_stages(data: "argparse._SubParsersAction[argparse.ArgumentParser]") -> N
     _add_vary(data.add_parser("vary", help="render a built data set's objects from free cameras and in other shapes"))
     textures = data.add_parser("textures", help="collect the training objects' textures for `vary` and `make`")
     textures.set_defaults(run=_textures)
-    _add_source(textures)
+    add_source(textures)
     add_infinigen(data.add_parser("infinigen", help="make meshes of furniture and other things, for `make --meshes`"))
     _add_make(data.add_parser("make", help="make procedural furniture and other things, for training only"))
     notice = data.add_parser("notice", help="write the credits of the objects trained on, for NOTICE")
@@ -58,7 +58,7 @@ def _add_build(build: argparse.ArgumentParser) -> None:
 def _add_vary(vary: argparse.ArgumentParser) -> None:
     """Declare the flags of `vary`."""
     vary.set_defaults(run=_vary)
-    _add_source(vary)
+    add_source(vary)
     vary.add_argument(
         "--variants",
         type=int,
@@ -90,7 +90,7 @@ def _add_preview(preview: argparse.ArgumentParser) -> None:
     preview.add_argument("--variants", action="store_true", help="show the variants that `vary` wrote, one per row")
 
 
-def _add_source(stage: argparse.ArgumentParser) -> None:
+def add_source(stage: argparse.ArgumentParser) -> None:
     """Declare the options for a built data set and the meshes that it was built from."""
     stage.set_defaults(license="unknown", up="y", front=None)  # the data set's manifest has what `build` was told
     stage.add_argument("--data", type=Path, default=DATA, help="folder of the data set")
@@ -103,7 +103,7 @@ def _build(arguments: argparse.Namespace) -> None:
     from model.data.sources.meshes import skipped_files
     from model.data.sources.sweethome3d import frozen_split
 
-    records = _records(arguments, arguments.out)
+    records = records_of(arguments, arguments.out)
     frozen = {} if arguments.meshes else frozen_split()
     manifest = build(
         records[: arguments.limit], arguments.out, arguments.seed, arguments.processes, frozen, arguments.split
@@ -123,7 +123,7 @@ def _build(arguments: argparse.Namespace) -> None:
         )
 
 
-def _records(arguments: argparse.Namespace, folder: Path) -> "list[MeshRecord]":
+def records_of(arguments: argparse.Namespace, folder: Path) -> "list[MeshRecord]":
     """Return the meshes of `--meshes`, or else Sweet Home 3D's, unpacked below `folder`."""
     from model.data.sources.listed import mesh_records
     from model.data.sources.sweethome3d import sh3f_files, sh3f_records
@@ -138,7 +138,7 @@ def _vary(arguments: argparse.Namespace) -> None:
     from model.data.manifest import VARIANTS
     from model.data.variants import vary
 
-    records = _records(arguments, arguments.data)
+    records = records_of(arguments, arguments.data)
     failures = vary(records, arguments.data, arguments.variants, arguments.views, arguments.processes)
     print(f"{len(failures)} failures: {arguments.data / VARIANTS}")
 
@@ -146,7 +146,7 @@ def _vary(arguments: argparse.Namespace) -> None:
 def _textures(arguments: argparse.Namespace) -> None:
     from model.data.procedural.textures import gather_textures
 
-    print(f"{len(gather_textures(_records(arguments, arguments.data), arguments.data))} textures")
+    print(f"{len(gather_textures(records_of(arguments, arguments.data), arguments.data))} textures")
 
 
 def _make(arguments: argparse.Namespace) -> None:
@@ -155,7 +155,7 @@ def _make(arguments: argparse.Namespace) -> None:
     from model.data.procedural.pieces import make
 
     if arguments.meshes:
-        records = _records(arguments, arguments.data)
+        records = records_of(arguments, arguments.data)
         manifest = make_from_meshes(records, arguments.data, arguments.views, arguments.processes)
         counts = f"{len(manifest.entries)} pieces of meshes, {len(manifest.duplicates)} duplicates"
         print(f"{counts}, {len(manifest.failures)} failures: {arguments.data / PIECES}")

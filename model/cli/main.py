@@ -5,7 +5,7 @@ import sys
 from collections.abc import Sequence
 from typing import Final
 
-from model.cli import data, evaluate, heads, paper, train
+from model.cli import data, evaluate, fit, heads, paper, train
 from service.errors import HofError
 
 INTERRUPTED: Final = 130  # as shells report SIGINT
@@ -32,6 +32,7 @@ def _parser() -> argparse.ArgumentParser:
     heads.add_stages(stages)
     evaluate.add_stages(stages)
     paper.add_stage(stages)
+    fit.add_stage(stages)
     return parser
 
 

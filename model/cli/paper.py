@@ -5,8 +5,12 @@ from pathlib import Path
 from typing import Final
 
 from model.cli.common import ROOT, SHIPPED, add_data, add_seed
+from model.cli.data import add_source, records_of
+from model.cli.flags import number
 from model.data.manifest import SPLITS
 
+FIT: Final = "fit"
+LATENT: Final = "latent"
 PATHS: Final = "paths"
 VIEWS: Final = "views"
 PAGE: Final = "page"
@@ -19,6 +23,10 @@ def add_stage(stages: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     page = experiments.add_parser(PAGE, help="write PAPER.md from the records alone")
     page.set_defaults(run=_page)
     _add_out(page)
+    latent = experiments.add_parser(LATENT, help="a concatenated latent vector equals a bias of the first layer")
+    latent.set_defaults(run=_latent)
+    add_seed(latent)
+    _add_out(latent)
     paths = experiments.add_parser(PATHS, help="collision-free paths, planned on predictions, checked on the truth")
     paths.set_defaults(run=_paths)
     _add_measured(paths)
@@ -30,9 +38,20 @@ def add_stage(stages: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
         dest="folders",
         help="a run of `hof-model train` to measure, too; repeat for several",
     )
+    _add_fit(experiments.add_parser(FIT, help="theta fitted to meshes, against compressed meshes of as many bytes"))
     views = experiments.add_parser(VIEWS, help="several views of one object, aggregated into one shape")
     views.set_defaults(run=_views)
     _add_measured(views)
+
+
+def _add_fit(stage: argparse.ArgumentParser) -> None:
+    stage.set_defaults(run=_fit)
+    add_source(stage)
+    add_seed(stage)
+    stage.add_argument("--split", choices=SPLITS, default="test", help="split to measure on; default: test")
+    stage.add_argument("--objects", type=number(int, least=1), default=10, help="number of objects; default: 10")
+    stage.add_argument("--steps", type=number(int, least=1), default=1_000, help="steps of the fit; default: 1000")
+    _add_out(stage)
 
 
 def _add_measured(stage: argparse.ArgumentParser) -> None:
@@ -53,6 +72,25 @@ def _add_out(stage: argparse.ArgumentParser) -> None:
 def _page(arguments: argparse.Namespace) -> None:
     from model.report.paper.page import write
 
+    print(write(arguments.out))
+
+
+def _fit(arguments: argparse.Namespace) -> None:
+    from model.evaluation.paper.compression import EXPERIMENT, measure_compression
+    from model.report.paper.page import record_path, write
+
+    meshes = {record.id: record for record in records_of(arguments, arguments.data)}
+    sizes = (arguments.objects, arguments.steps, arguments.seed)
+    record = measure_compression(arguments.data, arguments.split, meshes, *sizes)
+    record.write(record_path(arguments.out, EXPERIMENT))
+    print(write(arguments.out))
+
+
+def _latent(arguments: argparse.Namespace) -> None:
+    from model.evaluation.paper.latent import EXPERIMENT, measure_latent
+    from model.report.paper.page import record_path, write
+
+    measure_latent(arguments.seed).write(record_path(arguments.out, EXPERIMENT))
     print(write(arguments.out))
 
 

@@ -16,6 +16,7 @@ from pydantic import BaseModel, ValidationError
 from service import __version__
 from service.api.keys import SCOPES, make_key
 from service.cli import encode_many, files, store
+from service.cli.fit import add_fit, fit
 from service.cli.flags import add_settings
 from service.encoding.framing import Background
 from service.errors import HofError
@@ -94,6 +95,7 @@ def _parser() -> argparse.ArgumentParser:
     key.set_defaults(run=_key)
 
     _add_commands(stages)
+    add_fit(stages.add_parser("fit", help="turn a mesh into a function", description=fit.__doc__))
 
     store.add_stages(stages.add_parser("store", help="export, import and copy the objects of a database"))
 

@@ -5,16 +5,20 @@ from pathlib import Path
 from typing import Final
 
 from model.evaluation.locations import PAPER
+from model.evaluation.paper.compression import EXPERIMENT as FIT
+from model.evaluation.paper.latent import EXPERIMENT as LATENT
 from model.evaluation.paper.navigation import EXPERIMENT as PATHS
 from model.evaluation.paper.record import PaperRecord
 from model.evaluation.paper.views import EXPERIMENT as VIEWS
-from model.report.paper import navigation, views
+from model.report.paper import compression, latent, navigation, views
 from service.files import whole_file
 
 PAGE: Final = "PAPER.md"
 SECTIONS: Final[Mapping[str, Callable[[PaperRecord], str]]] = {  # by experiment, in order
+    LATENT: latent.section,
     PATHS: navigation.section,
     VIEWS: views.section,
+    FIT: compression.section,
 }
 
 HEAD: Final = """# The paper's experiments on our data

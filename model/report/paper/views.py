@@ -60,9 +60,9 @@ def _verdict(record: PaperRecord) -> str:
 
 {chr(10).join(lines)}
 
-Of the ways that give one function for any count of views, *{best}* is best over all counts, so `POST /encode` with
-several images does that. (Words of more than {record.origin["k"]} views are several objects.) Its {metric.upper()}
-minus that of:
+Of the ways that give one function for any count of views, *{best}* is best over all counts: `POST /compose`
+with `mode=interpolate` makes it of stored objects. (Words of more than {record.origin["k"]} views are several objects.)
+Its {metric.upper()} minus that of:
 
 {chr(10).join(others)}"""
 

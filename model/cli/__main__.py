@@ -1,0 +1,7 @@
+"""`python -m model.cli` is `hof-model`."""
+
+import sys
+
+from model.cli import main
+
+sys.exit(main())
