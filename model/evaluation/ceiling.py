@@ -35,7 +35,7 @@ def fit(spec: MappingSpec, clouds: Floats, seed: int = 0, steps: int = STEPS) ->
     (objects, spec.size) float32.
     """
     batches = [clouds[start : start + BATCH] for start in range(0, len(clouds), BATCH)]
-    with tqdm(total=len(batches) * steps, desc="fit", unit="step") as bar:
+    with tqdm(total=len(batches) * steps, desc="fit", unit="step", disable=None) as bar:
         return np.concatenate([_fit(spec, batch, seed, steps, bar) for batch in batches])
 
 

@@ -77,7 +77,9 @@ def measure_compression(
     clouds = np.stack([sample_surface(parts, SURFACE_POINTS, np.random.default_rng(seed))[0] for parts in meshes])
     thetas = fit(SPEC, clouds, seed, steps)
     rows = []
-    for case, parts, theta in tqdm(list(zip(objects, meshes, thetas, strict=True)), desc="meshes", unit="object"):
+    for case, parts, theta in tqdm(
+        list(zip(objects, meshes, thetas, strict=True)), desc="meshes", unit="object", disable=None
+    ):
         files = theta_files(Weights(SPEC, theta, MODEL, frame=measure(SPEC, theta)))
         rows.append(_row(case, _joined(parts), files, seed))
     setting = {"split": split, "objects": len(objects), "steps": steps, "points": SURFACE_POINTS, "bits": BITS}
