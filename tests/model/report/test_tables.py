@@ -89,10 +89,10 @@ def test_checks_better_and_worse_figures_follow_the_numbers() -> None:
         "stretch: all of the oracle's, mean over objects".replace("stretch", "f@1% stretch"),
         "stretch: all of the oracle's f@1%, class-uniform",
     ]
-    worse = checks(list(everything(lost=0.06)), "ours", CLASSES, 20_000_001, 15.1)
+    worse = checks(list(everything(lost=0.06)), "ours", CLASSES, 30_000_001, 25.1)
     failed = {check.target for check in worse if not check.met}
     assert {f"{condition}: loses less than 15% of f@2%" for condition in CONDITIONS[1:]} < failed
-    assert {"encoder at most 20 MB on disk", "encoder at most 15 ms on one core"} < failed
+    assert {"encoder at most 30 MB on disk", "encoder at most 25 ms on one core"} < failed
     assert target_table(worse).count("**no**") == len(failed)
 
 
