@@ -64,7 +64,7 @@ def make_card(
         },
         "exported": provenance(config.seed),
         **({"color": color} if color else {}),
-        "limits": [_training_images(manifest, config), *LIMITS, COLOR_LIMIT if color else NO_COLOR_LIMIT],
+        "limits": [_training_images(manifest, config, len(pieces)), *LIMITS, COLOR_LIMIT if color else NO_COLOR_LIMIT],
     }
 
 
@@ -98,12 +98,13 @@ def _estimates(training: dict[str, Any] | None) -> str:
   {training["objects"]:,} objects{kept_out}."""
 
 
-def _training_images(manifest: Manifest, config: TrainConfig) -> str:
-    """Return a sentence on the training images, and so on what they lack."""
+def _training_images(manifest: Manifest, config: TrainConfig, meshes: int) -> str:
+    """Return a sentence on the training images, `meshes` of pieces included, and so on what they lack."""
     objects = list(manifest.of("train"))
     kinds = ", ".join(sorted({entry.category for entry in objects}))
     varied = ", stretched, warped, seen from 5 degrees below to 55 degrees above" if config.variants else ""
-    pieces = ", and on as many renders of procedural furniture and other things" if config.made else ""
+    others = f"{meshes:,} other meshes and of " if meshes else ""
+    pieces = f", and on renders of {others}procedural furniture and other things" if config.made else ""
     return (
         f"Trained on renders of {len(objects)} objects ({kinds}), mirrored{varied}{pieces}. It has seen no photograph "
         "of an object. Other things give rough shapes that resemble one of these."
