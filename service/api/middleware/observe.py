@@ -1,5 +1,6 @@
 """Observation of every request: an id that its client gets back, metrics, and one line of the access log."""
 
+import asyncio
 import logging
 import random
 import re
@@ -13,6 +14,8 @@ from starlette.routing import compile_path
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.api.context import RequestContext, attach, refusal_of
+from service.api.problems import respond
+from service.errors import NotReady
 from service.telemetry.logs import REQUEST_ID
 from service.telemetry.metrics import Metrics
 
@@ -62,6 +65,9 @@ class Observe:
         with self._metrics.in_flight.track_inprogress():
             try:
                 await self._app(scope, exchange.receive, exchange.send)
+            except asyncio.CancelledError:  # only a stop of the server cancels calls; it would log a fault
+                if not exchange.has_begun:
+                    await respond(NotReady("the service is stopping"))(scope, exchange.receive, exchange.send)
             finally:
                 self._record(exchange, context)
 
@@ -116,6 +122,11 @@ class Exchange:
         if self._client_left:
             return refusal_of(self.scope) or CLIENT_LEFT
         return self._sent_status if self._is_complete and self._sent_status is not None else 500
+
+    @property
+    def has_begun(self) -> bool:
+        """Return whether a part of the answer was sent."""
+        return self._sent_status is not None
 
     async def receive(self) -> Message:
         """Return the next message of the request; a disconnect before the end of the answer is noted."""

@@ -8,7 +8,7 @@ import trimesh
 from PIL import Image
 
 from model.data.build import build
-from model.data.manifest import SIZE, Manifest
+from model.data.manifest import Manifest
 from model.data.rendering.preview import preview
 from model.data.sources.meshes import folder_records
 from tests.support.small.shapes import SHAPES, write_folder
@@ -52,5 +52,5 @@ def test_build_bad_mesh_and_copy_are_reported_and_a_second_run_resumes(tmp_path:
     assert {path: path.stat().st_mtime_ns for path in (out / "objects").iterdir()} == written
     preview(out, tmp_path / "sheet.png", objects=3)
     with Image.open(tmp_path / "sheet.png") as sheet:
-        assert sheet.size == (6 * SIZE, 3 * (SIZE + 14))
+        assert sheet.size == (6 * 128, 3 * (128 + 14))
         assert np.asarray(sheet.convert("L")).min() < 128

@@ -99,7 +99,7 @@ def test_unknown_route_answers_404(client: httpx.Client, method: str, path: str)
         ("GET", "/encode", "POST"),
         ("HEAD", "/encode", "POST"),
         ("PUT", "/objects", "GET, HEAD, POST"),
-        ("POST", "/objects/0", "DELETE, GET, HEAD"),
+        ("POST", "/objects/0", "DELETE, GET, HEAD, PATCH"),
         ("DELETE", "/objects/0/points", "GET, HEAD"),
         ("POST", "/health/live", "GET, HEAD"),
     ],

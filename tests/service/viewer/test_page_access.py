@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 from playwright.sync_api import Browser, Page, expect
 
 from service.api.keys import make_key
@@ -87,7 +88,7 @@ def test_page_on_a_dark_phone_fits_its_width(browser: Browser, address: str) -> 
     ) as context:
         page = opened(context.new_page(), address)
         assert page.evaluate("document.documentElement.scrollWidth") == 360
-        assert pixels(page).mean() < 80
+        assert np.median(pixels(page)) < 80  # the stage, whatever the color of the object
         page.screenshot(path=PICTURES / "phone.png", full_page=True)
 
 
