@@ -65,9 +65,7 @@ def measure(core: int, rounds: int) -> Figures:
             os.sched_setaffinity(0, others(core))
             row = [_processor_s(lambda: cpu_s(pid), run) for run in calls.values()]
             os.sched_setaffinity(0, {core})
-            row.append(
-                _processor_s(time.process_time, lambda: [encoder.encode(images) for _ in range(CALLS // CLIENTS)])
-            )
+            row.append(_processor_s(time.process_time, alone))
             table.append(row)
         live, repeat, new, encode = np.array(table).T
         return Figures(live, repeat, new, encode, ready_s, idle)

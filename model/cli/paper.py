@@ -6,6 +6,7 @@ from typing import Final
 
 from model.cli.common import ROOT, SHIPPED, add_data, add_seed
 from model.cli.data import add_source, records_of
+from model.cli.fit import STEPS
 from model.cli.flags import number
 from model.data.manifest import SPLITS
 
@@ -50,7 +51,7 @@ def _add_fit(stage: argparse.ArgumentParser) -> None:
     add_seed(stage)
     stage.add_argument("--split", choices=SPLITS, default="test", help="split to measure on; default: test")
     stage.add_argument("--objects", type=number(int, least=1), default=10, help="number of objects; default: 10")
-    stage.add_argument("--steps", type=number(int, least=1), default=1_000, help="steps of the fit; default: 1000")
+    stage.add_argument("--steps", type=number(int, least=1), default=STEPS, help=f"steps of the fit; default: {STEPS}")
     _add_out(stage)
 
 

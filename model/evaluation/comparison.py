@@ -8,7 +8,6 @@ import numpy as np
 import numpy.typing as npt
 
 from model.data.manifest import Split
-from model.evaluation.ceiling import fit
 from model.evaluation.conditions import Condition
 from model.evaluation.evaluate import (
     PREDICTED_POINTS,
@@ -21,6 +20,7 @@ from model.evaluation.evaluate import (
     measure_objects,
 )
 from model.evaluation.records import Decoder, Record
+from model.evaluation.references.ceiling import fit
 from model.evaluation.references.methods import Retrieval, Training, matched_ellipsoid
 from model.evaluation.timing import mapping_decoder, network_decoder
 from model.metrics import compare, floor

@@ -8,7 +8,7 @@ import numpy as np
 
 from model.data.rendering.surface import sample_surface
 from model.data.sources.meshes import IDENTITY, MeshRecord, load_mesh
-from model.evaluation.ceiling import STEPS, fit
+from model.evaluation.references.ceiling import STEPS, fit
 from model.metrics import compare
 from service.formats.weights import Weights
 from service.mapping.box import measure

@@ -4,13 +4,11 @@ import argparse
 import sys
 from functools import partial
 from pathlib import Path
-from typing import get_args
 
 from service.cli.files import options_of, settings_of
-from service.cli.flags import add_settings
+from service.cli.flags import add_framing, add_settings
 from service.cli.progress import ProgressLine
 from service.cli.store import check_bulk
-from service.encoding.framing import Background
 from service.errors import InvalidParameter
 from service.runtime.bulk.sources import photos_of
 from service.runtime.options import EncodeOptions
@@ -25,12 +23,7 @@ def add_stage(parser: argparse.ArgumentParser) -> None:
         "such as 'photos/**/*.jpg'",
     )
     parser.add_argument("-o", "--output", type=Path, required=True, help="file to write, .parquet; it must not exist")
-    parser.add_argument("--background", choices=get_args(Background), help="background removal; default: auto")
-    parser.add_argument(
-        "--foreground-ratio",
-        type=float,
-        help="share of the input that the object fills, 0.1 to 1; default: the model's",
-    )
+    add_framing(parser)
     parser.add_argument(
         "--processes", type=int, help="photos that are encoded at a time; default: number of CPUs that it may use"
     )

@@ -5,7 +5,7 @@ import io
 import json
 import sys
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -55,27 +55,24 @@ def encode(arguments: argparse.Namespace) -> None:
     if not as_weights:
         _point_options(arguments)  # fails before the work begins
     encoder = Encoder.open(settings.model[0], settings.threads)
-    framing = encoder.framing
-    if options.foreground_ratio is not None:
-        framing = replace(framing, foreground_ratio=options.foreground_ratio)
+    framing = encoder.framing.with_ratio(options.foreground_ratio)
     matting = Matting.of(settings.matting_model, settings.threads)
     photo = _read(arguments.photo)
     try:
         framed = preprocess(photo, framing, options.background, settings.max_image_pixels, matting)
     except HofError as error:
         raise type(error)(f"{_name(arguments.photo)}: {error.detail}", field=error.field) from error
-    functions = encoder.encode(framed.tensor)[0]
+    functions, report = encoder.encode(framed.tensor)[0], ImageReport.of(framed)
     frame = measure(encoder.spec, functions.theta)
     if as_weights:
         weights = Weights(encoder.spec, functions.theta, encoder.name, color=functions.color, frame=frame)
         _write(arguments.output, [dump(weights, "safetensors")])
         result = f"weights of {encoder.name}"
     else:
-        report = ImageReport.of(framed)
         count = _write_points(arguments, encoder.spec, functions, frame, functions.estimates, report)
         result = f"{count} points"
     hint = "; no matting model is set (--matting-model)" if framed.mask == "none" and matting is None else ""
-    lines = [f"{_name(arguments.photo)}: {ImageReport.of(framed)}{hint}", f"{_name(arguments.output)}: {result}"]
+    lines = [f"{_name(arguments.photo)}: {report}{hint}", f"{_name(arguments.output)}: {result}"]
     if functions.estimates:
         lines.insert(1, f"{_name(arguments.photo)}: {functions.estimates.rounded()}")
     print(*(f"hof: {each}" for each in lines), sep="\n", file=sys.stderr)
@@ -95,7 +92,7 @@ def mesh(arguments: argparse.Namespace) -> None:
     weights = _load(arguments.weights)
     functions = functions_for(weights.functions, options.color, holds_color=fmt.holds_color)
     view, frame = view_of(options, None, None), _frame(weights)
-    pose = pose_of(view, weights.spec, functions, frame) if view else None
+    pose = pose_of(view, weights.spec, functions, frame)
     _write(arguments.output, [fmt.dump(mesh_of(weights.spec, functions, frame, options, pose))])
 
 
@@ -223,7 +220,7 @@ def _write_points(
     """
     fmt, options = _point_options(arguments)
     view = view_of(options, estimates, photo)
-    pose = pose_of(view, spec, functions, frame) if view else None
+    pose = pose_of(view, spec, functions, frame)
     cloud = cloud_of(spec, functions, frame, options, pose)
     fmt = fmt.holding(color=cloud.functions.color is not None, camera=pose is not None)
     _write(arguments.output, write(fmt, cloud))

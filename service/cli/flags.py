@@ -1,8 +1,9 @@
-"""Flags that stand for settings."""
+"""Flags that several commands share."""
 
 import argparse
-from typing import get_origin
+from typing import get_args, get_origin
 
+from service.encoding.framing import Background
 from service.settings import Settings
 
 
@@ -19,3 +20,13 @@ def add_settings(parser: argparse.ArgumentParser, only: set[str] | None = None) 
                 metavar=name.rsplit("_", 1)[-1].upper(),
                 help=f"{field.description}{default} [HOF_{name.upper()}]".replace("%", "%%"),
             )
+
+
+def add_framing(parser: argparse.ArgumentParser) -> None:
+    """Add the flags that say how an object is cut out of its photo (`service.runtime.options.EncodeOptions`)."""
+    parser.add_argument("--background", choices=get_args(Background), help="background removal; default: auto")
+    parser.add_argument(
+        "--foreground-ratio",
+        type=float,
+        help="share of the input that the object fills, 0.1 to 1; default: the model's",
+    )

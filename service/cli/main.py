@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from types import FrameType
-from typing import Final, get_args
+from typing import Final
 
 from pydantic import BaseModel, ValidationError
 
@@ -17,8 +17,7 @@ from service import __version__
 from service.api.keys import SCOPES, make_key
 from service.cli import encode_many, files, store
 from service.cli.fit import add_fit, fit
-from service.cli.flags import add_settings
-from service.encoding.framing import Background
+from service.cli.flags import add_framing, add_settings
 from service.errors import HofError
 from service.formats.mesh.registry import MESH_FORMATS
 from service.formats.path import PATH_FORMATS
@@ -110,12 +109,7 @@ def _add_commands(stages: "argparse._SubParsersAction[argparse.ArgumentParser]")
     encode.add_argument("photo", type=Path, help="PNG, JPEG, WebP or AVIF, or HEIC with the extra `heic`; - for stdin")
     _add_output(encode, [*(fmt.extension for fmt in POINT_FORMATS.values()), WEIGHT_FORMATS["safetensors"].extension])
     _add_sampling(encode)
-    encode.add_argument("--background", choices=get_args(Background), help="background removal; default: auto")
-    encode.add_argument(
-        "--foreground-ratio",
-        type=float,
-        help="share of the input that the object fills, 0.1 to 1; default: the model's",
-    )
+    add_framing(encode)
     add_settings(encode, only={"model", "matting_model", "max_image_pixels", "threads"})
     encode.set_defaults(run=files.encode)
 

@@ -5,7 +5,7 @@ decode (limits, EXIF, every color mode) -> mask (alpha, else a uniform border, e
 """
 
 import threading
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
@@ -40,6 +40,10 @@ class Framing:
 
     size: int = 64
     foreground_ratio: float = 0.85
+
+    def with_ratio(self, foreground_ratio: float | None) -> "Framing":
+        """Return the same with another share for the object; None keeps the share."""
+        return self if foreground_ratio is None else replace(self, foreground_ratio=foreground_ratio)
 
 
 class Crop(NamedTuple):

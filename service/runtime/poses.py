@@ -79,8 +79,10 @@ def view_of(options: CameraOptions, estimates: Estimates | None, photo: ImageRep
     return View(camera, photo.box, focal, middle)
 
 
-def pose_of(view: View, spec: MappingSpec, functions: Functions, frame: Frame) -> Pose:
-    """Return the pose of an object in a view. Raises CorruptWeights."""
+def pose_of(view: View | None, spec: MappingSpec, functions: Functions, frame: Frame) -> Pose | None:
+    """Return the pose of an object in a view; None without a view. Raises CorruptWeights."""
+    if view is None:
+        return None
     facing = _facing(view.camera)
     if view.box is None:
         return _pose(facing, FORWARD * view.camera.distance)

@@ -1,6 +1,5 @@
 """Work of every peer on a photo, by the service's modules: decode, frame, infer, measure the box, make the record."""
 
-from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -13,8 +12,8 @@ from service.mapping import compiled
 from service.mapping.box import examine
 from service.mapping.sampler import hold_blas_to_one_thread
 from service.mapping.spec import Functions
+from service.runtime.photos import photo_id, photo_record
 from service.settings import SHIPPED_MODEL
-from service.storage.ids import encoded_id
 from service.storage.rows import Record
 
 
@@ -38,19 +37,8 @@ class Work:
         functions_of_each = encoder.encode(np.concatenate([one.tensor for one in framed]))
         objects: list[tuple[Record, Functions, dict[str, Any]]] = []
         for image, one, functions in zip(images, framed, functions_of_each, strict=True):
-            object_id = encoded_id(image, one.mask, encoder.framing.foreground_ratio, encoder.digest)
-            now = datetime.now(UTC)
-            estimates = functions.estimates.rounded() if functions.estimates else None
-            record = Record(
-                object_id,
-                "encoded",
-                encoder.name,
-                encoder.spec,
-                now,
-                color_spec=encoder.color_spec,
-                frame=examine(encoder.spec, functions),
-                estimates=estimates,
-            )
+            object_id = photo_id(image, one, encoder.framing.foreground_ratio, encoder, None)
+            record = photo_record(object_id, one, encoder, functions, examine(encoder.spec, functions))
             answer = EncodedObject.of_image(record, ImageReport.of(one), None)
             fields = answer.model_dump(mode="json", by_alias=True, exclude_none=True)
             objects.append((record, functions, fields))

@@ -7,7 +7,6 @@ larger. All are compared with the data set's points of the object. Draco and the
 
 import importlib
 import json
-import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,13 +20,14 @@ from tqdm import tqdm
 from model.data.manifest import Split
 from model.data.rendering.surface import sample_surface
 from model.data.sources.meshes import MeshRecord, load_mesh
-from model.evaluation.ceiling import STEPS, fit
 from model.evaluation.classes import class_of
 from model.evaluation.evaluate import Case, cases
 from model.evaluation.fitting import MODEL, SPEC, SURFACE_POINTS, draw
 from model.evaluation.paper.record import PaperRecord, Trial, rounded
+from model.evaluation.references.ceiling import STEPS, fit
 from model.metrics import compare, floor
 from model.provenance import provenance
+from service.formats.glb import glb_head
 from service.formats.precision import Dtype
 from service.formats.weights import Weights, dump, load
 from service.mapping.box import measure
@@ -159,10 +159,8 @@ def gltf_file(mesh: Triangles) -> tuple[bytes, Triangles]:
         "buffers": [{"byteLength": len(data)}],
     }
     text = json.dumps(document, separators=(",", ":")).encode()
-    text = text.ljust(-len(text) % 4 + len(text))
-    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(data), b"BIN\0") + data
     held = Triangles(levels / QUANTIZED * side + low, mesh.faces)
-    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks, held
+    return glb_head(text, len(data)) + data, held
 
 
 def fitting(mesh: Triangles, limits: Mapping[Dtype, int]) -> dict[str, list[tuple[int, Triangles]]]:

@@ -1,7 +1,6 @@
 """POST /encode: an image becomes an object."""
 
 from collections.abc import Callable, Coroutine
-from dataclasses import replace
 from functools import partial
 from typing import Annotated, Any, Final
 
@@ -98,9 +97,7 @@ async def encode(
     object lacks, and changes nothing.
     """
     encoder, settings, gates = runtime.models.named(query.model), runtime.settings, runtime.gates
-    framing = encoder.framing
-    if query.foreground_ratio is not None:
-        framing = replace(framing, foreground_ratio=query.foreground_ratio)
+    framing = encoder.framing.with_ratio(query.foreground_ratio)
     max_bytes, max_pixels = settings.max_image_bytes, settings.max_image_pixels
     client = client_of(request.scope)
     with gates.images.admit(client=client), gates.uploads.admit(0, client) as upload:

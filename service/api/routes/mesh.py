@@ -62,5 +62,4 @@ async def mesh(
 def _mesh_file(
     fmt: MeshFormat, spec: MappingSpec, functions: Functions, frame: Frame, options: MeshOptions, view: View | None
 ) -> bytes:
-    pose = pose_of(view, spec, functions, frame) if view else None
-    return fmt.dump(mesh_of(spec, functions, frame, options, pose))
+    return fmt.dump(mesh_of(spec, functions, frame, options, pose_of(view, spec, functions, frame)))

@@ -7,11 +7,11 @@ glTF's frame is ours: right-handed, +Y up, front +Z. A vertex's color is linear,
 import base64
 import itertools
 import json
-import struct
 from typing import Any, Final
 
 import numpy as np
 
+from service.formats.glb import glb_head
 from service.formats.points.gltf import WHITE, linear
 from service.mapping.spec import Array
 from service.mapping.surface import Surface
@@ -25,16 +25,7 @@ def glb(surface: Surface) -> bytes:
     attributes = _attributes(surface)
     data = _numbers(surface, attributes)
     text = json.dumps(_document(surface, attributes, {}), separators=(",", ":")).encode("ascii")
-    text = text.ljust(-len(text) % 4 + len(text))  # chunks end at multiples of 4 bytes
-    return b"".join(
-        [
-            struct.pack("<4sII", b"glTF", 2, 12 + 8 + len(text) + 8 + len(data)),
-            struct.pack("<I4s", len(text), b"JSON"),
-            text,
-            struct.pack("<I4s", len(data), b"BIN\0"),
-            data,
-        ]
-    )
+    return glb_head(text, len(data)) + data
 
 
 def gltf(surface: Surface) -> bytes:

@@ -9,12 +9,12 @@ misread uint16 (trimesh 4 keeps the low byte), and 8 bits are too coarse for dar
 
 import base64
 import json
-import struct
 from typing import Any, Final
 
 import numpy as np
 
 from service.formats import raw
+from service.formats.glb import OVERHEAD, glb_head
 from service.mapping.spec import Array, Colors
 
 JSON_BYTES: Final = 1024
@@ -45,14 +45,7 @@ def head(n: int, bounds: tuple[Array, Array] | None, *, stride: int = PLAIN, mod
     if bounds is None:
         raise ValueError("a GLB file needs the bounds of its points")
     text = json.dumps(_document(n, *bounds, stride, mode), separators=(",", ":")).encode("ascii").ljust(JSON_BYTES)
-    return b"".join(
-        [
-            struct.pack("<4sII", b"glTF", 2, length(n, stride=stride)),
-            struct.pack("<I4s", len(text), b"JSON"),
-            text,
-            struct.pack("<I4s", stride * n, b"BIN\0"),
-        ]
-    )
+    return glb_head(text, stride * n)
 
 
 def colored_body(points: Array, colors: Colors) -> bytes:
@@ -62,7 +55,7 @@ def colored_body(points: Array, colors: Colors) -> bytes:
 
 def length(n: int, *, stride: int = PLAIN) -> int:
     """Return the size of the whole GLB file in bytes."""
-    return 12 + 8 + JSON_BYTES + 8 + stride * n
+    return OVERHEAD + JSON_BYTES + stride * n
 
 
 def max_points(stride: int = PLAIN) -> int:

@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
@@ -77,9 +77,7 @@ def _read(source: str, max_bytes: int) -> bytes:
 
 def _object(setup: Setup, image: bytes) -> Entry:
     encoder, matting = opened(setup)
-    framing = encoder.framing
-    if setup.foreground_ratio is not None:
-        framing = replace(framing, foreground_ratio=setup.foreground_ratio)
+    framing = encoder.framing.with_ratio(setup.foreground_ratio)
     framed = preprocess(image, framing, setup.background, setup.max_pixels, matting)
     encoded = encoder.encode(framed.tensor)[0]
     object_id = photo_id(image, framed, framing.foreground_ratio, encoder, matting)

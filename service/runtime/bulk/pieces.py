@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 
 from service.errors import InvalidParameter
 from service.files import whole_file
-from service.storage.transfer.parquet import writing
+from service.storage.transfer.parquet import table_writer
 from service.storage.transfer.table import Item, table_of
 
 SUFFIX: Final = ".pieces"
@@ -60,13 +60,13 @@ class Pieces:
 
     def write(self, number: int, items: Sequence[Item]) -> None:
         """Write a piece."""
-        with whole_file(self._piece(number)) as file, pq.ParquetWriter(file, self._schema, **writing()) as writer:
+        with table_writer(self._piece(number), self._schema) as writer:
             writer.write_table(table_of(items, self._schema))
 
     def join(self, count: int) -> int:
         """Write the table from its `count` pieces, remove them, and return how many rows hold no object."""
         failed = 0
-        with whole_file(self._path) as file, pq.ParquetWriter(file, self._schema, **writing()) as writer:
+        with table_writer(self._path, self._schema) as writer:
             for number in range(count):
                 table = pq.read_table(self._piece(number))
                 failed += table["id"].null_count

@@ -1,5 +1,7 @@
 """Parquet files of objects: export a store, import a file."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
@@ -26,7 +28,7 @@ async def export(store: Store, path: Path, progress: Progress) -> int:
     done, count, last = 0, await store.count(), await store.last_seq()
     specs, color_specs = await store.specs(last)
     schema = schema_of(_only({spec.size for spec in specs}), _only({spec.size for spec in color_specs}))
-    with whole_file(path) as file, pq.ParquetWriter(file, schema, **writing()) as writer:
+    with table_writer(path, schema) as writer:
         async for entries in batches(store, last):
             writer.write_table(table_of([Item(entry) for entry in entries], schema))
             done += len(entries)
@@ -63,9 +65,12 @@ async def import_file(store: Store, path: Path, progress: Progress) -> Tally:
     return tally
 
 
-def writing() -> dict[str, object]:
-    """Return the options of `pq.ParquetWriter`. Numbers get no dictionary: theta hardly repeats any."""
-    return {"compression": COMPRESSION, "use_dictionary": REPEATED}
+@contextmanager
+def table_writer(path: Path, schema: pa.Schema) -> Iterator[pq.ParquetWriter]:
+    """Open a file for tables; it is there once the block ends. Numbers get no dictionary: theta hardly repeats any."""
+    options = {"compression": COMPRESSION, "use_dictionary": REPEATED}
+    with whole_file(path) as file, pq.ParquetWriter(file, schema, **options) as writer:
+        yield writer
 
 
 def _only(sizes: set[int]) -> int | None:

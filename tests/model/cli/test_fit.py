@@ -9,8 +9,8 @@ import trimesh
 
 from model import cli as model_cli
 from model.cli.fit import STEPS, K
-from model.evaluation import ceiling
 from model.evaluation.fitting import MODEL, SPEC, fit_mesh
+from model.evaluation.references import ceiling
 from model.metrics import compare
 from service.cli import fit as service_fit
 from service.cli.main import main

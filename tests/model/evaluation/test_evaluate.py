@@ -78,7 +78,7 @@ def test_references_scores_are_in_the_necessary_order(data: Path) -> None:
 def test_ceiling_record_is_far_better_than_an_untrained_encoder(
     data: Path, model_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("model.evaluation.ceiling.STEPS", 150)
+    monkeypatch.setattr("model.evaluation.references.ceiling.STEPS", 150)
     encoder = Encoder.open(model_path, 1)
     fitted = ceiling_record(encoder, data, "test", 0).evaluations[0]
     guessed = encoder_record(encoder, data, "test", 0).evaluations[0]

@@ -39,7 +39,9 @@ def _box(pixels: Doubles) -> tuple[float, float, float, float]:
 
 
 def _pose(view: View) -> Pose:
-    return pose_of(view, SPEC, Functions(THETA), FRAME)
+    pose = pose_of(view, SPEC, Functions(THETA), FRAME)
+    assert pose is not None
+    return pose
 
 
 @pytest.mark.parametrize(
