@@ -23,7 +23,14 @@ PICTURES = ROOT / "out" / "viewer"
 WEBGL = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 TIMEOUT_MS = 60_000
 TRIANGLES = re.compile(r"^[\d,]{5,} triangles$")
-INK = 40  # of 255: by how much a pixel differs from the panel's white to be a point's
+INK = 40  # of 255: by how much a pixel differs from the empty stage to be the object's
+DRAWN = """async () => {
+    const frames = () => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
+    await frames(); // the page has asked for its drawing
+    const gl = document.querySelector("#stage canvas").getContext("webgl2");
+    gl?.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4)); // returns when all is drawn
+    await frames();
+}"""
 
 
 @pytest.fixture(scope="module")
@@ -95,15 +102,25 @@ def pixels(page: Page) -> np.ndarray[tuple[int, ...], np.dtype[np.int16]]:
     return picture
 
 
-def _captured(page: Page) -> np.ndarray[tuple[int, ...], np.dtype[np.int16]]:
-    page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
-    image = Image.open(io.BytesIO(page.locator("#stage canvas").screenshot()))
-    return np.asarray(image.convert("RGB")).astype(np.int16)
+def ink(page: Page) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+    """Return which pixels of the stage show the object, on a light stage and on a dark one: (height, width)."""
+    shown = pixels(page)
+    canvas = page.locator("#stage canvas")
+    canvas.evaluate("(canvas) => { canvas.style.opacity = 0 }")
+    empty = pixels(page)
+    canvas.evaluate("(canvas) => { canvas.style.opacity = '' }")
+    return abs(shown - empty).max(axis=2) > INK
 
 
 def inked(page: Page) -> int:
-    """Return the number of pixels of the stage that show points."""
-    return int((255 - _captured(page).min(axis=2) > INK).sum())
+    """Return the number of pixels of the stage that show the object."""
+    return int(ink(page).sum())
+
+
+def _captured(page: Page) -> np.ndarray[tuple[int, ...], np.dtype[np.int16]]:
+    page.evaluate(DRAWN)
+    image = Image.open(io.BytesIO(page.locator("#stage canvas").screenshot()))
+    return np.asarray(image.convert("RGB")).astype(np.int16)
 
 
 def warm(page: Page) -> int:

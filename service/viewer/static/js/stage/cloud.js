@@ -11,6 +11,8 @@ import {
 import { bytesPerPoint } from "../api.js";
 import { shadowOf } from "./ground.js";
 
+const MEASURED = 1000; // points that tell an object's lightness
+
 /** A growing cloud. The first m of n points are the points of m, so a larger cloud only appends. */
 export class Cloud {
   /** `materials`: {points, surface}, each {shaded, painted}; `painted` is for objects with color. */
@@ -64,8 +66,20 @@ export class Cloud {
     }
   }
 
-  /** Mean lightness of the colors, from 0 to 1; undefined without colors, and before any has arrived. */
+  /**
+   * Mean lightness of the colors, from 0 to 1; undefined without colors, and before any has arrived. Kept once it is
+   * measured on a surface or on enough points: the two differ a little, and the stage's tone must not turn with it.
+   */
   get lightness() {
+    if (this.kept === undefined) {
+      const lightness = this.#lightness();
+      if (!this.surface && this.count < MEASURED) return lightness;
+      this.kept = lightness;
+    }
+    return this.kept;
+  }
+
+  #lightness() {
     const paint = this.surface?.geometry.getAttribute("paint");
     if (paint) return mean(paint.array, 1) ** (1 / 2.2);
     if (this.computed) return this.computed.lightness;
