@@ -24,6 +24,7 @@ WEBGL = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshad
 TIMEOUT_MS = 60_000
 TRIANGLES = re.compile(r"^[\d,]{5,} triangles$")
 INK = 40  # of 255: by how much a pixel differs from the empty stage to be the object's
+SHADE = 2  # of 255: a difference between two pixels that nobody sees
 DRAWN = """async () => {
     const frames = () => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
     await frames(); // the page has asked for its drawing
@@ -31,6 +32,8 @@ DRAWN = """async () => {
     gl?.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4)); // returns when all is drawn
     await frames();
 }"""
+
+Picture = np.ndarray[tuple[int, ...], np.dtype[np.int16]]
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +95,7 @@ def photo(name: str) -> Path:
     return ROOT / "demo" / f"{name}.png"
 
 
-def pixels(page: Page) -> np.ndarray[tuple[int, ...], np.dtype[np.int16]]:
+def pixels(page: Page) -> Picture:
     """Return the picture on the stage, once it is drawn and rests: (height, width, 3)."""
     picture = _captured(page)
     deadline = time.monotonic() + DEADLINE_S
@@ -100,6 +103,11 @@ def pixels(page: Page) -> np.ndarray[tuple[int, ...], np.dtype[np.int16]]:
         assert time.monotonic() < deadline
         picture = after
     return picture
+
+
+def changed(picture: Picture, earlier: Picture) -> float:
+    """Return the share of pixels that look different. A background's gradient may differ by a unit, tile by tile."""
+    return float((abs(picture - earlier).max(axis=2) > SHADE).mean())
 
 
 def ink(page: Page) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
@@ -117,7 +125,7 @@ def inked(page: Page) -> int:
     return int(ink(page).sum())
 
 
-def _captured(page: Page) -> np.ndarray[tuple[int, ...], np.dtype[np.int16]]:
+def _captured(page: Page) -> Picture:
     page.evaluate(DRAWN)
     image = Image.open(io.BytesIO(page.locator("#stage canvas").screenshot()))
     return np.asarray(image.convert("RGB")).astype(np.int16)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import Page, expect
 
-from tests.support.browsing import PICTURES, TRIANGLES, curl_line, photo, pixels, run
+from tests.support.browsing import PICTURES, TRIANGLES, changed, curl_line, photo, pixels, run
 
 TOLERANCE = 1e-4  # longest sides of the object
 
@@ -135,9 +135,8 @@ def test_slider_between_two_objects_draws_the_way(page: Page) -> None:
         )
         expect(page.locator("#count")).to_have_text("60,000 points")
         expect(page.locator("#words")).to_be_hidden()
-        page.wait_for_timeout(2000)
         shown.append(pixels(page))
-    assert (shown[0] != shown[1]).mean() > 0.02
+    assert changed(*shown) > 0.02
     assert page.locator("#between").get_attribute("aria-valuetext") == "75% B"
     page.screenshot(path=PICTURES / "morph.png", full_page=True)
     page.get_by_role("button", name="Side by side").click()
