@@ -11,6 +11,7 @@ from model.data.workers import run_isolated, run_with_report
 from tests.support.small.jobs import wait_unless_ready, work
 
 
+@pytest.mark.slow
 def test_run_isolated_crash_error_and_hang_fail_one_job_each() -> None:
     outcomes = {outcome.job: outcome.failure for outcome in run_isolated(work, range(8), processes=2, timeout_s=8)}
     assert len(outcomes) == 8

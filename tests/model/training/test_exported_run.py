@@ -16,6 +16,8 @@ from service.errors import InvalidModel
 from tests.support.small import model as tiny_model
 from tests.support.small.runs import RUN
 
+pytestmark = pytest.mark.slow
+
 
 def test_load_encoder_of_an_exported_run_gives_its_rounded_weights(run: Path, exported: Path) -> None:
     encoder, config, before = load_encoder(chosen_checkpoint(run))

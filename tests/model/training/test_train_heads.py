@@ -48,6 +48,7 @@ def _observations(seed: int = 0) -> Observations:
     )
 
 
+@pytest.mark.slow
 def test_train_heads_learns_the_score_and_the_camera() -> None:
     heads, unseen = train_heads(_observations(), CONFIG), _observations(1)
     with torch.no_grad():

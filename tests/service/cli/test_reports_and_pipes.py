@@ -60,6 +60,7 @@ def test_encode_with_a_suffix_in_any_case_writes_that_format(here: Path, name: s
     assert (here / name).read_bytes() == (here / "lower").read_bytes()
 
 
+@pytest.mark.slow
 def test_commands_in_a_pipe_give_the_bytes_of_files(here: Path) -> None:
     def piped(command: str, data: bytes) -> bytes:
         environment = {**os.environ, "PYTHONPATH": str(ROOT)}

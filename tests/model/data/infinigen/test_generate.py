@@ -102,6 +102,7 @@ def test_generate_lists_its_meshes_with_kind_license_and_front(fake: Fake) -> No
         ("nothing", "no mesh, the worker said {'triangles': 12}"),
     ],
 )
+@pytest.mark.slow
 def test_generate_object_that_fails_is_noted_and_others_are_made(
     fake: Fake, behavior: str, reason: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -31,6 +31,7 @@ def test_latent_vector_equals_biases_of_the_first_layer(spec: MappingSpec) -> No
     np.testing.assert_array_equal(layers(spec, own)[0][0], layers(spec, theta)[0][0])
 
 
+@pytest.mark.slow
 def test_section_tells_whether_the_difference_is_rounding() -> None:
     record = measure_latent()
     assert len(record.ids) == OBJECTS
@@ -40,6 +41,7 @@ def test_section_tells_whether_the_difference_is_rounding() -> None:
     assert "does not hold" in latent.section(record)
 
 
+@pytest.mark.slow
 def test_command_paper_latent_writes_record_and_page(tmp_path: Path) -> None:
     assert cli.main(["paper", "latent", "-o", str(tmp_path)]) == 0
     record = PaperRecord.read(record_path(tmp_path, "latent"))

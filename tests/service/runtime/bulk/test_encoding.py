@@ -91,6 +91,7 @@ def test_a_photo_that_cannot_be_encoded_is_a_row_with_its_reason(setup: Setup, f
     assert not list(tmp_path.glob("*.pieces"))
 
 
+@pytest.mark.slow
 def test_two_processes_write_the_rows_that_one_writes(
     setup: Setup, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -115,6 +116,7 @@ def test_names_that_are_not_utf_8_are_escaped(setup: Setup, tmp_path: Path) -> N
     assert item.entry
 
 
+@pytest.mark.slow
 def test_a_photo_that_kills_its_process_costs_its_own_row_only(
     setup: Setup, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -125,6 +127,7 @@ def test_a_photo_that_kills_its_process_costs_its_own_row_only(
     assert rows[2]["error"].startswith("the process that encoded it was killed")
 
 
+@pytest.mark.slow
 def test_a_photo_that_takes_too_long_is_a_row(
     setup: Setup, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -136,6 +139,7 @@ def test_a_photo_that_takes_too_long_is_a_row(
     assert rows[2]["error"] == "encoding took longer than 10 s"
 
 
+@pytest.mark.slow
 def test_a_run_that_was_stopped_continues_after_its_last_piece(
     setup: Setup, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -150,6 +154,7 @@ def test_a_run_that_was_stopped_continues_after_its_last_piece(
     assert _table(path).equals(_table(tmp_path / "whole.parquet"))
 
 
+@pytest.mark.slow
 def test_pieces_that_are_damaged_or_of_other_photos_are_written_again(
     setup: Setup, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
