@@ -16,7 +16,8 @@ TOLERANCE = 1e-4  # longest sides of the object
 COMPUTE = """async ([id, n, seed]) => {
     const { WebGLRenderer } = await import("three");
     const { ComputedPoints } = await import("/viewer/js/stage/function.js");
-    const { fetchFunctions, formOf } = await import("/viewer/js/object/weights.js");
+    const { formOf } = await import("/viewer/js/function/weights.js");
+    const { fetchFunctions } = await import("/viewer/js/object/weights.js");
     const object = await (await fetch(`objects/${id}`)).json();
     const functions = await fetchFunctions(object);
     const renderer = new WebGLRenderer({ canvas: document.createElement("canvas") });

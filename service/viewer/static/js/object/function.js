@@ -9,7 +9,7 @@ const MEGABYTE = 1e6;
 const panel = document.getElementById("function");
 const [curl, python] = ["points", "python"].map((of) => panel.querySelector(`[data-of="${of}"]`));
 
-/** Compare the file of an object's functions (object/weights.js) with n points that were computed of it. */
+/** Compare the file of an object's functions (function/weights.js) with n points that were computed of it. */
 export function showFunction(object, functions, n, seed) {
   const bytes = n * bytesPerPoint(object);
   panel.hidden = false;

@@ -1,6 +1,7 @@
 // The shown objects: surface or points, their number and seed, and how far they have arrived.
 import { fetchPicture, streamPoints } from "../api.js";
 import { copyText } from "../curl.js";
+import { formOf } from "../function/weights.js";
 import { attempt } from "../problem.js";
 import { Cloud } from "../stage/cloud.js";
 import { ComputedPoints, isComputable } from "../stage/function.js";
@@ -10,7 +11,7 @@ import { language, number, text } from "../text.js";
 import { hideDownloads, preferFormat, showDownloads, startDownloads } from "./download.js";
 import { hideFunction, showFunction } from "./function.js";
 import { hideMorph, offerMorph, startMorph } from "./morph.js";
-import { fetchFunctions, formOf } from "./weights.js";
+import { fetchFunctions } from "./weights.js";
 
 const element = (id) => document.getElementById(id);
 const ids = ["n", "dots", "seed", "color", "surface", "live", "words", "stills", "link", "working", "empty"];
