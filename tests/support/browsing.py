@@ -117,7 +117,8 @@ def ink(page: Page) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
     canvas.evaluate("(canvas) => { canvas.style.opacity = 0 }")
     empty = pixels(page)
     canvas.evaluate("(canvas) => { canvas.style.opacity = '' }")
-    return abs(shown - empty).max(axis=2) > INK
+    inked: np.ndarray[tuple[int, ...], np.dtype[np.bool_]] = abs(shown - empty).max(axis=2) > INK
+    return inked
 
 
 def inked(page: Page) -> int:
