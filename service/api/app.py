@@ -5,7 +5,7 @@ import logging
 from collections.abc import AsyncIterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager
-from functools import partial
+from functools import cache, partial
 from typing import Final
 
 from fastapi import FastAPI, Request
@@ -44,11 +44,10 @@ from service.api.routes import (
     weights,
 )
 from service.encoding.decode import configure_pillow
-from service.encoding.matting import Matting
-from service.encoding.registry import Models
 from service.mapping import compiled
 from service.mapping.sampler import hold_blas_to_one_thread
 from service.runtime.admission import Gates
+from service.runtime.networks import Networks
 from service.runtime.parts import Runtime
 from service.settings import Settings
 from service.storage.store import Store
@@ -90,8 +89,13 @@ RESPONSES: Final[Responses] = {
 }
 
 
-def create_app(settings: Settings) -> FastAPI:
-    """Return the service as an ASGI application; nothing is opened before it starts."""
+def create_app(settings: Settings, networks: Networks | None = None) -> FastAPI:
+    """Return the service as an ASGI application; nothing is opened before it starts.
+
+    Parameters
+    ----------
+    networks : those of the settings, if they are open already.
+    """
     app = Service(
         title="HOF",
         summary="Higher-Order Function networks as a service",
@@ -100,7 +104,7 @@ def create_app(settings: Settings) -> FastAPI:
         license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
         openapi_url=None,  # served below, byte for byte as committed
         redirect_slashes=False,
-        lifespan=partial(_lifespan, settings),
+        lifespan=partial(_lifespan, settings, networks),
         telemetry=_telemetry(),
     )
     app.state.settings = settings
@@ -125,13 +129,14 @@ class Service(FastAPI):
     def build_middleware_stack(self) -> ASGIApp:
         """Return the middleware around the application. Raises InvalidKeys."""
         settings: Settings = self.state.settings
-        gates = declared_gates((route for router in ROUTERS for route in router.routes), self.state.gates)
+        routes = [route for router in ROUTERS for route in router.routes]
+        gates = declared_gates(routes, self.state.gates)
         layers: ASGIApp = Access(super().build_middleware_stack(), settings, gates)
         if settings.api_keys_file is None:
             layers = RefuseForeignPages(layers, settings)
         if settings.cors_origins:
             layers = with_cors(layers, settings.cors_origins.split(","))
-        templates = [*self.openapi()["paths"], *(route.path for route in self.routes if isinstance(route, Route))]
+        templates = [route.path for route in (*routes, *self.routes) if isinstance(route, Route)]
         mounts = (f"{route.path}/{{path:path}}" for route in self.routes if isinstance(route, Mount))
         return Observe(SecurityHeaders(layers), self.state.metrics, Templates([*templates, *mounts]))
 
@@ -147,19 +152,19 @@ def _telemetry() -> TelemetryConfig:
 
 
 @asynccontextmanager
-async def _lifespan(settings: Settings, app: FastAPI) -> AsyncIterator[None]:
-    """Open the models and the store and run one inference of each encoder; close the store in the end."""
+async def _lifespan(settings: Settings, networks: Networks | None, app: FastAPI) -> AsyncIterator[None]:
+    """Open the networks and the store and run one inference of each encoder; close the store in the end."""
     with ThreadPoolExecutor(settings.threads, thread_name_prefix="hof") as executor:
-        opened = await asyncio.to_thread(Models.open, settings.model, settings.threads)
-        await asyncio.to_thread(opened.warm_up)
-        matting = await asyncio.to_thread(Matting.of, settings.matting_model, settings.threads)
-        await asyncio.to_thread(compiled.load)
+        opened, _ = await asyncio.gather(
+            asyncio.to_thread(_open_warm, settings, networks), asyncio.to_thread(compiled.load)
+        )
         hold_blas_to_one_thread()
         configure_pillow()
         store = await Store.open_once_reachable(
             settings.database_url, settings.database_timeout_s, settings.database_connections
         )
-        app.state.runtime = Runtime(settings, opened, matting, store, executor, app.state.metrics, app.state.gates)
+        models, matting = opened.models, opened.matting
+        app.state.runtime = Runtime(settings, models, matting, store, executor, app.state.metrics, app.state.gates)
         try:
             yield
         finally:
@@ -167,11 +172,18 @@ async def _lifespan(settings: Settings, app: FastAPI) -> AsyncIterator[None]:
             await store.close()
 
 
+def _open_warm(settings: Settings, networks: Networks | None) -> Networks:
+    """Return the networks, opened, after one inference of each encoder."""
+    opened = networks or Networks.open(settings)
+    opened.models.warm_up()
+    return opened
+
+
 def _serve_schema(app: FastAPI) -> None:
     """Serve /openapi.json, byte for byte as committed."""
-    text = openapi_text(app)
+    text = cache(lambda: openapi_text(app))  # written when it is first asked for: that takes a tenth of a second
 
     async def schema(request: Request) -> Response:
-        return Response(text, media_type="application/json")
+        return Response(text(), media_type="application/json")
 
     app.add_route("/openapi.json", schema, include_in_schema=False)

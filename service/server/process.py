@@ -20,8 +20,9 @@ from typing import Final
 import uvicorn
 
 from service.api import app
+from service.runtime.networks import Networks
 from service.server.http_protocol import http_protocol
-from service.server.memory import freeze_startup_objects
+from service.server.memory import freeze_startup_objects, release_unused_memory
 from service.settings import Settings
 from service.telemetry import logs
 
@@ -32,11 +33,16 @@ SETTLE_S: Final = 0.2  # from the last accepted connection until its request has
 
 
 class Config(uvicorn.Config):
-    """Uvicorn's configuration, made from our settings, and the seconds to drain."""
+    """Uvicorn's configuration, made from our settings, and the seconds to drain.
 
-    def __init__(self, settings: Settings) -> None:
+    Parameters
+    ----------
+    networks : those of the settings, if they are open already; workers open their own.
+    """
+
+    def __init__(self, settings: Settings, networks: Networks | None = None) -> None:
         super().__init__(
-            partial(app.create_app, settings),
+            partial(app.create_app, settings, networks),
             factory=True,
             host=settings.host,
             port=settings.port,
@@ -69,6 +75,7 @@ class Server(uvicorn.Server):
         sys.setswitchinterval(TURN_S)
         await super().startup(sockets)
         freeze_startup_objects()
+        release_unused_memory()
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """Handle a signal: the first SIGTERM starts to drain, any other signal ends the server."""

@@ -11,9 +11,8 @@ from uvicorn.config import STARTUP_FAILURE
 
 from service.api.middleware.access import keys_of
 from service.api.routes.viewer import BUNDLE, NOT_BUILT
-from service.encoding.matting import Matting
-from service.encoding.registry import Models
-from service.server.memory import share_one_arena
+from service.runtime.networks import Networks
+from service.server.memory import release_unused_memory, share_one_arena
 from service.server.process import Config, Server
 from service.server.workers import Supervisor
 from service.settings import Settings
@@ -35,8 +34,12 @@ def serve(settings: Settings) -> None:
     InvalidModel, InvalidKeys, UnusableStore : the service cannot start with these settings.
     """
     share_one_arena()
+    networks: Networks | None = Networks.open(settings)
     _check(settings)
-    config = Config(settings)  # configures the log
+    if settings.workers > 1:
+        networks = None  # each worker opens its own
+        release_unused_memory()
+    config = Config(settings, networks)  # configures the log
     for message in _missing_parts(settings):
         logger.info(message)
     if settings.workers > 1:
@@ -51,9 +54,7 @@ def serve(settings: Settings) -> None:
 
 
 def _check(settings: Settings) -> None:
-    """Open what the server will open, so that a wrong setting ends the command here, with one sentence."""
-    Models.open(settings.model, settings.threads)
-    Matting.of(settings.matting_model, settings.threads)
+    """Open what else the server will open, so that a wrong setting ends the command here, with one sentence."""
     keys_of(settings)
     asyncio.run(database.verify(settings.database_url, settings.database_timeout_s))
 

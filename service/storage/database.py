@@ -1,8 +1,9 @@
 """The database: tables and opening. SQLite by default, PostgreSQL by URL."""
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from sqlalchemy import (
     BigInteger,
@@ -27,11 +28,9 @@ from service.settings import DATABASE_CONNECTIONS, DATABASE_TIMEOUT_S
 from service.storage import faults
 from service.storage.postgres import check_may_create, open_postgres
 from service.storage.postgres_url import PostgresUrl, parse_postgres
+from service.storage.schema import Schema, migrate, read_schema
 from service.storage.sqlite import SqliteDatabase, check_file, expand, open_sqlite
 from service.storage.transactions import Database
-
-if TYPE_CHECKING:
-    from service.storage.migrations import Schema
 
 MIGRATION_TIMEOUT_S: Final = 600.0  # another process may be migrating; PostgreSQL only
 
@@ -126,13 +125,11 @@ async def connect(url: str, timeout_s: float = DATABASE_TIMEOUT_S, connections: 
         The message says what to do.
     UnreachableStore : the database does not answer, or is busy, at present.
     """
-    from service.storage.migrations import migrate  # imports Alembic, which commands without a store do not need
-
     address = parse(url)
     try:
         database = _open(address, timeout_s, connections)
         try:
-            await database.run(migrate, timeout_s=MIGRATION_TIMEOUT_S)
+            await database.run(partial(migrate, tables=METADATA), timeout_s=MIGRATION_TIMEOUT_S)
             if isinstance(database, SqliteDatabase):
                 await database.watch_files()
         except BaseException:
@@ -162,7 +159,7 @@ async def verify(url: str, timeout_s: float = DATABASE_TIMEOUT_S) -> None:
         await database.close()
 
 
-async def examine(url: str, timeout_s: float = DATABASE_TIMEOUT_S) -> "Schema":
+async def examine(url: str, timeout_s: float = DATABASE_TIMEOUT_S) -> Schema:
     """Test an existing database as `verify` does, but create and migrate nothing. Return its schema.
 
     SQLite itself may complete a transaction that a killed process left in the write-ahead log.
@@ -171,8 +168,6 @@ async def examine(url: str, timeout_s: float = DATABASE_TIMEOUT_S) -> "Schema":
     ------
     UnusableStore : `verify` would raise it.
     """
-    from service.storage.migrations import read_schema
-
     address = parse(url)
     try:
         database = _open(address, timeout_s, connections=1, unchanged=True)

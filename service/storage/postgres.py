@@ -3,16 +3,18 @@
 import asyncio
 import contextlib
 import time
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from sqlalchemy import Connection, text
 from sqlalchemy.exc import TimeoutError as PoolTimeout
-from sqlalchemy.ext.asyncio import AsyncEngine, create_async_engine
 
 from service.errors import StoreUnavailable, UnusableStore
 from service.storage.faults import is_read_only, no_answer, read_only, too_busy
 from service.storage.postgres_url import PostgresUrl
 from service.storage.transactions import R, Work
+
+if TYPE_CHECKING:
+    from sqlalchemy.ext.asyncio import AsyncEngine
 
 # Unnamed, uncached statements: behind PgBouncer the next transaction may use another connection.
 ASYNCPG: Final[dict[str, Any]] = {
@@ -34,7 +36,7 @@ class PostgresDatabase:
 
     max_silence_s = MAX_SILENCE_S
 
-    def __init__(self, engine: AsyncEngine, timeout_s: float) -> None:
+    def __init__(self, engine: "AsyncEngine", timeout_s: float) -> None:
         self.dialect = engine.dialect.name
         self._engine = engine
         self._timeout_s = timeout_s
@@ -102,6 +104,8 @@ def check_may_create(connection: Connection) -> None:
 
 def open_postgres(url: PostgresUrl, timeout_s: float, connections: int) -> PostgresDatabase:
     """Return a database of at most so many connections; the first transaction connects."""
+    from sqlalchemy.ext.asyncio import create_async_engine  # imports SQLAlchemy's ORM, which nothing else needs
+
     limit = min(timeout_s, url.connect_timeout_s or timeout_s)
     engine = create_async_engine(
         "postgresql+asyncpg://",
