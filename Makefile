@@ -11,6 +11,7 @@ MATTING := .venv/u2net/rembg/u2netp.onnx
 MATTING_SHA256 := 309c8469258dda742793dce0ebea8e6dd393174f89934733ecc8b14c76f4ddd8
 BUNDLE := service/viewer/static/bundle/three/LICENSE
 GLTF := tests/support/gltf/node_modules/.package-lock.json
+JS := client/js/node_modules/.package-lock.json
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
@@ -32,7 +33,7 @@ check: lint quick ## lint and the quick tests; needs Python alone
 quick: .venv/dev.stamp ## tests of the tier unit that are not slow; needs Python alone
 	OMP_NUM_THREADS=1 $(BIN)/pytest -n auto --dist worksteal -m 'unit and not slow'
 
-test: .venv/dev.stamp .venv/system.stamp $(BUNDLE) $(GLTF) $(MATTING) ## all tests
+test: .venv/dev.stamp .venv/system.stamp $(BUNDLE) $(GLTF) $(JS) $(MATTING) ## all tests
 	OMP_NUM_THREADS=1 $(BIN)/pytest -n 3 --dist loadfile
 
 lint: .venv/dev.stamp ## style, types, layers of the code, Dockerfile
@@ -67,9 +68,10 @@ paper: .venv/dev.stamp ## write PAPER.md from the records of `hof-model paper NA
 gpu-check: ## check the device operations and measure training, on a GPU
 	$(or $(wildcard $(BIN)/python),python3) -m model.training.device.check
 
-openapi: .venv/service.stamp ## write openapi.json as the service serves it
+openapi: .venv/service.stamp $(JS) ## write openapi.json as the service serves it, and the types of client/js
 	$(BIN)/hof openapi > openapi.json.part
 	mv openapi.json.part openapi.json
+	npm run --silent --prefix client/js schema
 
 lock: .venv/dev.stamp ## write requirements/*.txt anew: the newest versions and their hashes
 	$(LOCK) --upgrade --extra otel --extra postgres --output-file requirements/service.txt pyproject.toml
@@ -82,6 +84,7 @@ LOCK = CUSTOM_COMPILE_COMMAND='make lock' $(BIN)/pip-compile --quiet --generate-
 
 clean: ## remove what was installed, cached and written; data sets and runs stay
 	rm -rf .venv tests/support/gltf/node_modules service/viewer/node_modules service/viewer/static/bundle
+	rm -rf client/js/node_modules client/js/dist
 	rm -rf out build *.egg-info client/src/*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	find service model client tests benchmarks demo -name __pycache__ -prune -exec rm -rf {} +
 
@@ -126,6 +129,6 @@ $(MATTING): | .venv/bin/python
 	echo '$(MATTING_SHA256)  $@' | sha256sum --check --quiet
 	@touch $@
 
-$(GLTF): tests/support/gltf/package-lock.json .venv/system.stamp
-	npm ci --prefix tests/support/gltf --no-audit --no-fund
+$(GLTF) $(JS): %/node_modules/.package-lock.json: %/package-lock.json .venv/system.stamp
+	npm ci --prefix $* --no-audit --no-fund
 	@touch $@

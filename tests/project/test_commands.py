@@ -23,7 +23,8 @@ WITH_CURL = [document for document in DOCUMENTS if "curl " in "".join(commands(d
 WITH_HOF = [document for document in DOCUMENTS if commands(document.read_text("utf-8"), "hof")]
 
 # How each program's lines are checked. What is not run here: Docker, Kubernetes, installations.
-CHECKED = ("curl", "hof", "hof-model", "make", ".venv/bin/pytest", ".venv/bin/python", "docker", "kubectl", "pip")
+PROJECT = ("hof", "hof-model", "make", ".venv/bin/pytest", ".venv/bin/python")
+CHECKED = ("curl", *PROJECT, "docker", "kubectl", "pip", "npm")
 TRIVIAL = ("cd", "export", "git", ".")
 
 

@@ -21,7 +21,7 @@ const PAINT_BYTES = 4;
  */
 export function isComputable({ spec, color, frame }) {
   const isSuited = (/** @type {Spec} */ { hidden, activation, input_dim: inputs, output_dim: outputs }) =>
-    hidden.length === 1 && Number(hidden[0]) <= MAX_UNITS && activation === "relu" && inputs === 3 && outputs === 3;
+    hidden.length === 1 && hidden[0] <= MAX_UNITS && activation === "relu" && inputs === 3 && outputs === 3;
   return isSuited(spec) && spec.k <= MAX_K && spec.domain in DOMAINS && Boolean(frame) && (!color || isSuited(color));
 }
 
@@ -174,12 +174,12 @@ export class CardPoints {
     const at = (/** @type {string} */ name) => gl.getUniformLocation(this.program, name);
     gl.uniform1ui(at("begin"), begin);
     gl.uniform2ui(at("seed"), Number(this.seed & 0xffffffffn), Number(this.seed >> 32n));
-    gl.uniform1i(at("domain"), Number(DOMAINS[functions.spec.domain]));
-    gl.uniform1i(at("units"), Number(functions.spec.hidden[0]));
+    gl.uniform1i(at("domain"), DOMAINS[functions.spec.domain]);
+    gl.uniform1i(at("units"), functions.spec.hidden[0]);
     gl.uniform1i(at("k"), word.length);
     gl.uniform2iv(at("word"), word.flatMap(([row, other]) => [row, other]));
     gl.uniform1fv(at("blend"), word.map(([, , blend]) => blend));
-    const corners = frame.high.map((high, axis) => /** @type {const} */ ([Number(frame.low[axis]), high]));
+    const corners = frame.high.map((high, axis) => /** @type {const} */ ([frame.low[axis], high]));
     const longest = Math.max(...corners.map(([low, high]) => high - low));
     gl.uniform3fv(at("center"), corners.map(([low, high]) => (high + low) / 2));
     gl.uniform1f(at("factor"), 1 / (longest > 1e-20 ? longest : 1));
@@ -234,7 +234,7 @@ function linked(gl) {
  * @param {Float32Array[]} rows
  */
 function textureOf(gl, { hidden }, rows) {
-  const units = Number(hidden[0]);
+  const [units] = hidden;
   const width = 2 * units + 1;
   const texels = new Float32Array(4 * width * rows.length);
   rows.forEach((theta, row) => {
@@ -242,8 +242,8 @@ function textureOf(gl, { hidden }, rows) {
     for (let unit = 0; unit < units; unit++) {
       const at = 4 * (width * row + 2 * unit);
       texels.set(theta.subarray(3 * unit, 3 * unit + 3), at);
-      texels[at + 3] = Number(theta[bias + unit]);
-      for (let axis = 0; axis < 3; axis++) texels[at + 4 + axis] = Number(theta[second + axis * units + unit]);
+      texels[at + 3] = theta[bias + unit];
+      for (let axis = 0; axis < 3; axis++) texels[at + 4 + axis] = theta[second + axis * units + unit];
     }
     texels.set(theta.subarray(second + 3 * units), 4 * (width * row + 2 * units));
   });
