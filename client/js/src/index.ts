@@ -5,4 +5,7 @@ export type { Form, Frame, Functions, Spec } from "./function/weights.js";
 export { ConnectionFailed, HofError, Problem, PROBLEM_TYPES, UnexpectedAnswer, type ProblemType } from "./problems.js";
 export type { Retry } from "./retries.js";
 export type { Answer, JsonRoute, Raw, Request, Route } from "./routes.js";
+export { canonicalPoints } from "./sampling/canonical.js";
+export { dimensionsOf, measureFrame } from "./sampling/frame.js";
+export { sample, sampleColors, sampleOnCard, type SampleOptions } from "./sampling/sample.js";
 export type * from "./schema.js";
