@@ -27,6 +27,9 @@ TRIALS: Final = 16  # points around each candidate, in each step
 STEPS: Final = (0.1, 0.05, 0.02, 0.01)  # radius of the search around a candidate
 PROBE_POINTS: Final = BORDER + INTERIOR + 6 * CANDIDATES * TRIALS * len(STEPS)  # evaluated for one box
 
+AXES: Final = (0, 1, 2, 0, 1, 2)  # of the directions +x, +y, +z, -x, -y, -z
+SIGNS: Final = np.array([1, 1, 1, -1, -1, -1], np.float32)[:, None, None]
+
 Values = npt.NDArray[np.float32]
 
 
@@ -43,19 +46,19 @@ def measure(spec: MappingSpec, theta: Array) -> Frame:
     """
     sampler = Sampler(spec, word_of(spec, theta))
     probe, around = _probe(spec.domain)
-    heights = _heights(sampler, probe)  # (m, 6)
-    order = np.argsort(-heights, axis=0, kind="stable")[:CANDIDATES]  # (candidates, 6)
-    best, reached = probe[order], np.take_along_axis(heights, order, axis=0)  # (candidates, 6, d), (candidates, 6)
+    points = sampler.map(probe).T
+    best, reached = _outermost(np.concatenate([points, -points]))  # (6, candidates) each
+    candidates = probe[best]  # (6, candidates, d)
     for step in STEPS:
-        trials = _inside(spec.domain, best[:, :, None] + np.float32(step) * around)  # (candidates, 6, trials, d)
-        values = _heights(sampler, trials.reshape(-1, spec.input_dim)).reshape(*trials.shape[:3], 6)
-        values = np.stack([values[:, i, :, i] for i in range(6)], axis=1)  # (candidates, 6, trials)
-        top = values.argmax(axis=2)[:, :, None]
-        higher = np.take_along_axis(values, top, axis=2)[:, :, 0]
-        points = np.take_along_axis(trials, top[:, :, :, None], axis=2)[:, :, 0]
-        best = np.where((higher > reached)[:, :, None], points, best)
+        trials = _inside(spec.domain, candidates[:, :, None] + np.float32(step) * around)  # (6, candidates, trials, d)
+        values = sampler.map(trials.reshape(-1, spec.input_dim)).reshape(*trials.shape[:3], 3)
+        heights = SIGNS * values[np.arange(6), :, :, AXES]  # (6, candidates, trials)
+        top = heights.argmax(axis=2)[:, :, None]
+        higher = np.take_along_axis(heights, top, axis=2)[:, :, 0]
+        moved = np.take_along_axis(trials, top[:, :, :, None], axis=2)[:, :, 0]
+        candidates = np.where((higher > reached)[:, :, None], moved, candidates)
         reached = np.maximum(reached, higher)
-    outermost = reached.max(axis=0)
+    outermost = reached.max(axis=1)
     return Frame.of(-outermost[3:], outermost[:3])
 
 
@@ -74,10 +77,15 @@ def examine(spec: MappingSpec, functions: Functions) -> Frame:
     return frame
 
 
-def _heights(sampler: Sampler, x: Array) -> Values:
-    """Return how far the images of canonical points (m, d) reach along +x, +y, +z, -x, -y, -z: (m, 6)."""
-    points = sampler.map(x)
-    return np.concatenate([points, -points], axis=1)
+def _outermost(heights: Values) -> tuple[npt.NDArray[np.intp], Values]:
+    """Return the places of the CANDIDATES largest values of each row, and the values; overwrite them with -inf."""
+    rows = np.arange(len(heights))
+    places, values = np.empty((len(heights), CANDIDATES), np.intp), np.empty((len(heights), CANDIDATES), np.float32)
+    for rank in range(CANDIDATES):  # a fifth of the time of a sort
+        places[:, rank] = heights.argmax(axis=1)
+        values[:, rank] = heights[rows, places[:, rank]]
+        heights[rows, places[:, rank]] = -np.inf
+    return places, values
 
 
 @lru_cache(maxsize=4)

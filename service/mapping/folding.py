@@ -8,7 +8,7 @@ are computed with it.
 """
 
 from collections.abc import Callable, Sequence
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from typing import Final, TypeVar
 
 import numpy as np
@@ -22,6 +22,7 @@ from service.mapping.spec import Array, MappingSpec, layers
 TILES: Final = (256, 128)  # points of one product, for up to `WIDE` units and for more: 512 KiB fit the L2 cache
 WIDE: Final = 512  # units
 FROM: Final = 16_384  # index of the first point that is folded: folding pays off for many points only
+SHARED: Final = TILES[1] * 1_024  # zeros: those of a tile of HOF-1
 PROBE: Final = 1_024  # points that are sampled to bound a function's values
 MARGIN: Final = 1e-4  # of a cell: rounding may put a point near a border on either side
 
@@ -117,9 +118,11 @@ class NumpyFold:
     def _matrices(self, cell: int) -> tuple[Array, Array]:
         """Return [W b] and [V A a] of the units that cross a cell: (m, 4) and (3, m + 4)."""
         if cell not in self._packed:
-            units = self._fold.crossing[cell]
-            second = np.concatenate([self._fold.second[:, units], self._fold.affine[cell]], axis=1)
-            self._packed[cell] = self._fold.first[units], second
+            first, second = self._fold.first, self._fold.second
+            if self._fold.grid:  # else all units cross the only cell
+                units = self._fold.crossing[cell]
+                first, second = first[units], second[:, units]
+            self._packed[cell] = first, np.concatenate([second, self._fold.affine[cell]], axis=1)
         return self._packed[cell]
 
 
@@ -128,9 +131,9 @@ class _Scratch:
 
     def __init__(self, units: int) -> None:
         size = max(TILES[1] * units, TILES[0] * min(units, WIDE))
-        self._joined = buffer(1, size + 4 * TILES[0], 1)[0]
-        self._zeros = buffer(1, size, 0)[0]  # NumPy's maximum is twice as fast with an array as with a scalar
-        self._output = buffer(1, 3 * TILES[0], 0)[0]
+        self._joined = aligned(size + 4 * TILES[0])
+        self._zeros = zeros(size)
+        self._output = aligned(3 * TILES[0])
 
     def map(self, first: Array, second: Array, x: Array) -> None:
         """Overwrite points of one cell, (3, n), with the function's values there."""
@@ -143,6 +146,7 @@ class _Scratch:
         for at in range(0, x.shape[1], tile):
             part = x[:, at : at + tile]
             inputs[:3, : part.shape[1]] = part
+            inputs[:3, part.shape[1] :] = 0
             np.matmul(first, inputs, out=hidden)
             np.maximum(hidden, zeros, out=hidden)
             np.matmul(second, joined, out=output)
@@ -225,12 +229,32 @@ def pack_distinct(pack: Callable[[Array], Packed], thetas: Sequence[Array]) -> l
     return [packed[id(theta)] for theta in thetas]
 
 
+def zeros(size: int) -> Array:
+    """Return zeros to read: NumPy's maximum is twice as fast with an array as with a scalar."""
+    return _shared_zeros()[:size] if size <= SHARED else buffer(1, size, 0)[0]
+
+
+@cache
+def _shared_zeros() -> Array:
+    """Return the zeros that all tiles of usual networks share: filling them takes as long as 300 points of HOF-1."""
+    array = buffer(1, SHARED, 0)[0]
+    array.flags.writeable = False
+    return array
+
+
 def buffer(rows: int, columns: int, value: float) -> Array:
-    """Return a (rows, columns) float32 array, filled, that starts on a cache line.
+    """Return a (rows, columns) float32 array, filled, that starts on a cache line."""
+    array = aligned(rows * columns).reshape(rows, columns)
+    array.fill(value)
+    return array
+
+
+def aligned(size: int) -> Array:
+    """Return a float32 array of any values that starts on a cache line.
 
     BLAS is a third faster on such arrays, and takes the same code path in every call.
     """
     line = 16  # float32s in 64 bytes
-    memory = np.full(rows * columns + line, value, np.float32)
+    memory = np.empty(size + line, np.float32)
     start = -memory.ctypes.data % 64 // 4
-    return memory[start : start + rows * columns].reshape(rows, columns)
+    return memory[start : start + size]

@@ -14,7 +14,7 @@ import numpy as np
 
 from service.errors import CorruptWeights, InvalidParameter
 from service.mapping.canonical import Sampling, check_range, span
-from service.mapping.folding import FoldedWord, buffer, pack_distinct
+from service.mapping.folding import FoldedWord, aligned, pack_distinct, zeros
 from service.mapping.frame import Frame
 from service.mapping.spec import Array, MappingSpec, layers
 
@@ -168,10 +168,9 @@ class _Tiles:
 
     def map(self, x: Array, _: int) -> Array:
         """Map canonical points, (input_dim, n) with n a multiple of `align`, to the object's points, (3, n)."""
-        inputs = buffer(self._spec.input_dim + 1, TILE, 1)
-        output = buffer(self._spec.output_dim + 1, TILE, 1)
-        hidden = [buffer(width + 1, TILE, 1) for width in self._spec.hidden]
-        zeros = buffer(max(self._spec.hidden), TILE, 0)  # NumPy's maximum is twice as fast with an array
+        inputs, output = _above_ones(self._spec.input_dim), _above_ones(self._spec.output_dim)
+        hidden = [_above_ones(width) for width in self._spec.hidden]
+        floor = zeros(max(self._spec.hidden) * TILE).reshape(-1, TILE)
         y = np.empty((self._spec.output_dim, x.shape[1]), np.float32)
         for at in range(0, x.shape[1], TILE):
             inputs[:-1] = x[:, at : at + TILE]
@@ -180,12 +179,19 @@ class _Tiles:
                 for matrix, result in zip(matrices, [*hidden, output], strict=True):
                     np.matmul(matrix, source, out=result[:-1])
                     if result is not output and self._spec.activation == "relu":
-                        np.maximum(result[:-1], zeros[: len(result) - 1], out=result[:-1])
+                        np.maximum(result[:-1], floor[: len(result) - 1], out=result[:-1])
                     elif result is not output:
                         np.tanh(result[:-1], out=result[:-1])
                     source = result
             y[:, at : at + TILE] = output[:-1]
         return y
+
+
+def _above_ones(rows: int) -> Array:
+    """Return memory for the values of a tile, with a row of ones below them: (rows + 1, TILE)."""
+    array = aligned((rows + 1) * TILE).reshape(rows + 1, TILE)
+    array[-1] = 1
+    return array
 
 
 def _pack(spec: MappingSpec, theta: Array) -> list[Array]:
