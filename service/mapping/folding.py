@@ -237,7 +237,7 @@ def zeros(size: int) -> Array:
 @cache
 def _shared_zeros() -> Array:
     """Return the zeros that all tiles of usual networks share: filling them takes as long as 300 points of HOF-1."""
-    array = buffer(1, SHARED, 0)[0]
+    array: Array = buffer(1, SHARED, 0)[0]
     array.flags.writeable = False
     return array
 
