@@ -4,7 +4,7 @@ import { showCurl } from "./curl.js";
 import { markCards, reloadGallery, startGallery, updateCard } from "./gallery.js";
 import { hideName, showName, startNaming } from "./object/name.js";
 import { watchConnection } from "./notice.js";
-import { hidePhoto, showModels, startPhotos } from "./photo.js";
+import { hidePhoto, showModels, startPhotos } from "./photo/photo.js";
 import { attempt } from "./problem.js";
 import { translatePage } from "./text.js";
 import { clearView, focusStage, showObject, showWords, startView, stopWorking } from "./object/view.js";

@@ -1,8 +1,9 @@
 // The photo: chosen, taken, dropped, pasted or an example. It is shown at once, then encoded; the last one wins.
-import { encode, encodePath, listModels } from "./api.js";
-import { showCurl } from "./curl.js";
-import { attempt } from "./problem.js";
-import { text } from "./text.js";
+import { encode, encodePath, listModels } from "../api.js";
+import { showCurl } from "../curl.js";
+import { attempt } from "../problem.js";
+import { text } from "../text.js";
+import { Crop, cut, isWhole } from "./crop.js";
 
 const element = (id) => document.getElementById(id);
 const [drop, model, background, framing] = ["drop", "model", "background", "framing"].map(element);
@@ -14,7 +15,10 @@ const line = document.querySelector('.curl[data-of="encode"]');
 
 const MASKS = { alpha: "maskAlpha", border: "maskBorder", matting: "maskMatting", none: "maskNone" };
 
-let current; // {photo, abort} of the last photo
+const crop = new Crop(framing.querySelector(".picture"), element("crop-size"));
+const [cropButton, useCrop, cancelCrop, whole] = ["crop", "crop-use", "crop-cancel", "whole"].map(element);
+
+let current; // {photo, part, sent, abort} of the last photo; `part` is what the visitor chose of it, if not all
 let handlers;
 
 /** Set up the ways to give a photo. `actions`: `begin()`, `done(object)`, and `fail()`, each of the last photo only. */
@@ -29,7 +33,8 @@ export function startPhotos(actions) {
   for (const button of document.querySelectorAll("[data-photo]")) {
     button.addEventListener("click", () => attempt(async () => send(await example(button))));
   }
-  background.addEventListener("change", () => current && send(current.photo));
+  background.addEventListener("change", () => current && send(current.photo, current.part, current.sent));
+  startCropping();
   acceptDrops();
   document.addEventListener("paste", (event) => {
     const [file] = event.clipboardData.files;
@@ -49,20 +54,72 @@ export async function showModels() {
 export function hidePhoto() {
   current?.abort.abort();
   current = undefined;
+  stopCropping();
   framing.hidden = true;
 }
 
-/** Encode a photo (File) and show its object, unless another photo follows meanwhile. */
-function send(photo) {
+function startCropping() {
+  cropButton.addEventListener("click", beginCrop);
+  cancelCrop.addEventListener("click", () => {
+    stopCropping();
+    picture.src = addressOf(current.sent);
+    box.hidden = !current.framed;
+    cropButton.focus();
+  });
+  useCrop.addEventListener("click", () => attempt(useCropped));
+  whole.addEventListener("click", () => {
+    send(current.photo);
+    cropButton.focus();
+  });
+  framing.addEventListener("keydown", ({ key, target }) => {
+    if (key === "Escape" && framing.classList.contains("cropping")) cancelCrop.click();
+    else if (key === "Enter" && target.dataset.corner) useCrop.click();
+  });
+}
+
+/** Show the whole photo, with a rectangle on it. */
+async function beginCrop() {
+  const mine = current;
+  picture.src = addressOf(mine.photo);
+  await picture.decode().catch(() => {}); // a photo that the browser cannot show has no size
+  if (mine !== current) return;
+  box.hidden = true;
+  showCropping(true);
+  crop.start(mine.part);
+}
+
+async function useCropped() {
+  const { photo } = current;
+  const { part } = crop;
+  const sent = isWhole(part) ? photo : await cut(photo, picture, part);
+  if (photo === current?.photo) send(photo, sent === photo ? undefined : part, sent);
+  cropButton.focus();
+}
+
+function stopCropping() {
+  crop.stop();
+  showCropping(false);
+}
+
+function showCropping(isOn) {
+  framing.classList.toggle("cropping", isOn);
+  for (const each of framing.querySelectorAll(".whilecropping")) each.hidden = !isOn;
+  for (const each of framing.querySelectorAll(".uncropped")) each.hidden = isOn;
+  whole.hidden = isOn || !current?.part;
+}
+
+/** Encode a photo (File), or what was `sent` of a part of it, and show its object, unless another one follows meanwhile. */
+function send(photo, part, sent = photo) {
   current?.abort.abort();
-  const mine = { photo, abort: new AbortController() };
+  const mine = { photo, part, sent, abort: new AbortController() };
   current = mine;
-  showPhoto(photo);
+  showPhoto(sent);
   handlers.begin();
   return attempt(async () => {
     try {
-      const object = await encode(photo, query(), mine.abort.signal);
+      const object = await encode(sent, query(), mine.abort.signal);
       if (current !== mine) return;
+      mine.framed = true;
       showFraming(object.image);
       await handlers.done(object);
     } catch (error) {
@@ -84,12 +141,13 @@ function query() {
 
 /** Show a photo before anything is known of it. */
 function showPhoto(photo) {
-  URL.revokeObjectURL(picture.src);
-  picture.src = URL.createObjectURL(photo);
+  picture.src = addressOf(photo);
   box.hidden = true;
   caption.textContent = "";
   framing.hidden = false;
-  showCurl(line, `-F "image=@${photo.name.replace(/["\\$`]/g, "\\$&")}"`, encodePath(query()));
+  stopCropping();
+  line.hidden = photo !== current.photo; // no file of the visitor's is the part
+  if (!line.hidden) showCurl(line, `-F "image=@${photo.name.replace(/["\\$`]/g, "\\$&")}"`, encodePath(query()));
 }
 
 /** Show which part of the photo was taken for the object, and how it was told from its background. */
@@ -101,6 +159,12 @@ function showFraming({ mask, box: [left, top, right, bottom], confidence, width,
   box.hidden = false;
   const sure = confidence === undefined ? "" : `, ${text("maskSure", { percent: Math.round(100 * confidence) })}`;
   caption.textContent = `${text(MASKS[mask])}${sure}.`;
+}
+
+/** The address of a File, for the image; the one before is given up. */
+function addressOf(photo) {
+  URL.revokeObjectURL(picture.src);
+  return URL.createObjectURL(photo);
 }
 
 async function example(button) {
