@@ -14,7 +14,7 @@ from pydantic import BaseModel, ValidationError
 from service.drawing.words import MAX_POINTS, Cell, label, rows_of_words, sheet
 from service.encoding.encoder import Encoder
 from service.encoding.estimates import Estimates
-from service.encoding.framing import preprocess
+from service.encoding.framing import Framed, preprocess
 from service.encoding.matting import Matting
 from service.encoding.report import ImageReport
 from service.errors import HofError, InvalidParameter
@@ -31,6 +31,7 @@ from service.mapping.sampler import Sampler
 from service.mapping.spec import Functions, MappingSpec, join_functions
 from service.runtime.composition import Member, check_members
 from service.runtime.cost import check_size
+from service.runtime.encoding import MAX_IMAGES, averaged
 from service.runtime.options import EncodeOptions, MeshOptions, PathOptions, PointOptions
 from service.runtime.paths import path_of
 from service.runtime.poses import pose_of, view_of
@@ -45,37 +46,60 @@ STDIO: Final = Path("-")  # as an input: stdin; as the output: stdout
 
 
 def encode(arguments: argparse.Namespace) -> None:
-    """Encode the photo of one object and write its points, or its weights as .safetensors.
+    """Encode the photo of one object, or several views of it, and write its points, or its weights as .safetensors.
 
     stderr tells how the object was separated from its background.
     """
     settings = settings_of(arguments)
-    options = options_of(arguments, EncodeOptions)
     as_weights = _suffix(arguments) == WEIGHT_FORMATS["safetensors"].extension
     if not as_weights:
         _point_options(arguments)  # fails before the work begins
     encoder = Encoder.open(settings.model[0], settings.threads)
-    framing = encoder.framing.with_ratio(options.foreground_ratio)
     matting = Matting.of(settings.matting_model, settings.threads)
-    photo = _read(arguments.photo)
-    try:
-        framed = preprocess(photo, framing, options.background, settings.max_image_pixels, matting)
-    except HofError as error:
-        raise type(error)(f"{_name(arguments.photo)}: {error.detail}", field=error.field) from error
-    functions, report = encoder.encode(framed.tensor)[0], ImageReport.of(framed)
+    paths = [arguments.photo, *arguments.view]
+    views = _framed_views(arguments, paths, settings, encoder, matting)
+    encoded = [encoder.encode(view.tensor)[0] for view in views]
+    functions, reports = averaged(encoded), [ImageReport.of(view) for view in views]
     frame = measure(encoder.spec, functions.theta)
     if as_weights:
         weights = Weights(encoder.spec, functions.theta, encoder.name, color=functions.color, frame=frame)
         _write(arguments.output, [dump(weights, "safetensors")])
         result = f"weights of {encoder.name}"
     else:
-        count = _write_points(arguments, encoder.spec, functions, frame, functions.estimates, report)
+        count = _write_points(arguments, encoder.spec, functions, frame, functions.estimates, reports[0])
         result = f"{count} points"
-    hint = "; no matting model is set (--matting-model)" if framed.mask == "none" and matting is None else ""
-    lines = [f"{_name(arguments.photo)}: {report}{hint}", f"{_name(arguments.output)}: {result}"]
-    if functions.estimates:
-        lines.insert(1, f"{_name(arguments.photo)}: {functions.estimates.rounded()}")
+    lines = []
+    for path, report, each in zip(paths, reports, encoded, strict=True):
+        hint = "; no matting model is set (--matting-model)" if report.mask == "none" and matting is None else ""
+        lines.append(f"{_name(path)}: {report}{hint}")
+        lines += [f"{_name(path)}: {each.estimates.rounded()}"] if each.estimates else []
+    lines.append(f"{_name(arguments.output)}: {result}")
     print(*(f"hof: {each}" for each in lines), sep="\n", file=sys.stderr)
+
+
+def _framed_views(
+    arguments: argparse.Namespace, paths: Sequence[Path], settings: Settings, encoder: Encoder, matting: Matting | None
+) -> list[Framed]:
+    """Return the photos, framed. An error names the file."""
+    if len(paths) > MAX_IMAGES:
+        raise InvalidParameter(f"there are {len(paths)} photos, the limit is {MAX_IMAGES} of one object", field="view")
+    if paths.count(STDIO) > 1:
+        raise InvalidParameter("- is named twice, and stdin holds one photo: name a file", field="view")
+    options = options_of(arguments, EncodeOptions)
+    framing = encoder.framing.with_ratio(options.foreground_ratio)
+    photos: list[bytes] = []
+    views = []
+    for path in paths:
+        photo = _read(path)
+        if photo in photos:
+            first = _name(paths[photos.index(photo)])
+            raise InvalidParameter(f"{_name(path)} is the same photo as {first}: name each once", field="view")
+        photos.append(photo)
+        try:
+            views.append(preprocess(photo, framing, options.background, settings.max_image_pixels, matting))
+        except HofError as error:
+            raise type(error)(f"{_name(path)}: {error.detail}", field=error.field) from error
+    return views
 
 
 def sample(arguments: argparse.Namespace) -> None:

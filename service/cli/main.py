@@ -105,8 +105,18 @@ def _parser() -> argparse.ArgumentParser:
 
 def _add_commands(stages: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Add the commands that need no server (`service.cli.files`)."""
-    encode = stages.add_parser("encode", help="turn a photo into points or weights", description=files.encode.__doc__)
+    encode = stages.add_parser(
+        "encode", help="turn photos of one object into points or weights", description=files.encode.__doc__
+    )
     encode.add_argument("photo", type=Path, help="PNG, JPEG, WebP or AVIF, or HEIC with the extra `heic`; - for stdin")
+    encode.add_argument(
+        "--view",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="PHOTO",
+        help="another photo of the same object, from another side; repeat for up to 7",
+    )
     _add_output(encode, [*(fmt.extension for fmt in POINT_FORMATS.values()), WEIGHT_FORMATS["safetensors"].extension])
     _add_sampling(encode)
     add_framing(encode)

@@ -112,7 +112,7 @@ def with_functions(record: Record, members: Mapping[str, Functions]) -> Proposal
     functions = tuple(members[object_id] for object_id in record.members)
     if record.kind == "composed":
         return Proposal(record, None, functions)
-    return Proposal(record, _mean_of(functions))
+    return Proposal(record, mean_of(functions))
 
 
 def examine_all(proposals: Sequence[Proposal]) -> list[Proposal]:
@@ -131,7 +131,7 @@ def examine_all(proposals: Sequence[Proposal]) -> list[Proposal]:
     return measured
 
 
-def _mean_of(parents: Sequence[Functions]) -> Functions:
+def mean_of(parents: Sequence[Functions]) -> Functions:
     """Average thetas, the paper's baseline for composition ("Object Interpolation"), and colors."""
     every = join_functions(parents)
     return Functions(_mean(every.theta), Color(every.color.spec, _mean(every.color.weights)) if every.color else None)

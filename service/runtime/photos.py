@@ -2,8 +2,9 @@
 
 import hashlib
 from collections import OrderedDict
+from collections.abc import Sequence
 from datetime import UTC, datetime
-from typing import Final
+from typing import Final, NamedTuple
 
 from service.encoding.encoder import Encoded, Encoder
 from service.encoding.framing import Background, Framed
@@ -13,7 +14,7 @@ from service.mapping.frame import Frame
 from service.storage.ids import encoded_id
 from service.storage.rows import Record
 
-RECENT_PHOTOS: Final = 4096  # about 350 bytes each
+RECENT_PHOTOS: Final = 4096  # about 700 bytes each, and 350 for each further view
 
 PhotoKey = tuple[bytes, str, Background, float]
 
@@ -45,31 +46,39 @@ def photo_record(
     )
 
 
-def photo_key(image: bytes, encoder: Encoder, background: Background, foreground_ratio: float) -> PhotoKey:
-    """Return what decides on the object of a photo in one process: its bytes, the model and the options."""
-    return hashlib.sha256(image).digest(), encoder.digest, background, foreground_ratio
+def photo_key(images: Sequence[bytes], encoder: Encoder, background: Background, foreground_ratio: float) -> PhotoKey:
+    """Return what decides on the object of photos in one process: their bytes, the model and the options."""
+    digests = b"".join(hashlib.sha256(image).digest() for image in images)
+    return digests, encoder.digest, background, foreground_ratio
+
+
+class RecentPhoto(NamedTuple):
+    """The object of a photo, or of several views of one object, and the report on each."""
+
+    object_id: str
+    reports: tuple[ImageReport, ...]
 
 
 class RecentPhotos:
-    """Ids of the objects of recent photos, so that a repeat needs no decoding. The longest unused one is dropped."""
+    """Objects of recent photos, so that a repeat needs no decoding. The longest unused one is dropped."""
 
     def __init__(self, size: int = RECENT_PHOTOS) -> None:
         self._size = size
-        self._ids: OrderedDict[PhotoKey, str] = OrderedDict()
+        self._photos: OrderedDict[PhotoKey, RecentPhoto] = OrderedDict()
 
     def __len__(self) -> int:
-        return len(self._ids)
+        return len(self._photos)
 
-    def find(self, key: PhotoKey) -> str | None:
-        """Return the id of a photo's object, which may have been deleted since; None for an unknown photo."""
-        object_id = self._ids.get(key)
-        if object_id is not None:
-            self._ids.move_to_end(key)
-        return object_id
+    def find(self, key: PhotoKey) -> RecentPhoto | None:
+        """Return a photo's object, which may have been deleted since; None for an unknown photo."""
+        photo = self._photos.get(key)
+        if photo is not None:
+            self._photos.move_to_end(key)
+        return photo
 
-    def keep(self, key: PhotoKey, object_id: str) -> None:
+    def keep(self, key: PhotoKey, photo: RecentPhoto) -> None:
         """Remember the object of a photo."""
-        self._ids[key] = object_id
-        self._ids.move_to_end(key)
-        if len(self._ids) > self._size:
-            self._ids.popitem(last=False)
+        self._photos[key] = photo
+        self._photos.move_to_end(key)
+        if len(self._photos) > self._size:
+            self._photos.popitem(last=False)

@@ -31,6 +31,11 @@ def encoded_id(image: bytes, mask: Mask, foreground_ratio: float, *model_digests
     )
 
 
+def views_id(ids: Sequence[str]) -> str:
+    """Return the id of an object that is encoded from several images: digest of the id of each, in the order given."""
+    return _digest("encoded", {"views": " ".join(ids)})
+
+
 def imported_id(spec: MappingSpec, functions: Functions) -> str:
     """Return the id of an imported object: digest of theta, (spec.size,) float32, its spec, and its color if any."""
     parts: dict[str, str | float] = {"spec": spec.to_json(), "theta": _array_digest(functions.theta)}

@@ -50,6 +50,20 @@ def test_encode_of_a_path_equals_that_of_its_bytes(hof: Client, tmp_path: Path) 
     assert hof.encode(path).id == hof.encode(str(path)).id == hof.encode(PHOTO).id
 
 
+def test_encode_views_returns_one_object_of_several_photos(hof: Client) -> None:
+    photos = [PHOTO, image_file(disc("blue", at=(10, 20)))]
+    stored = hof.encode_views(photos, label="Disc", include="weights")
+    assert (stored.kind, stored.label) == ("encoded", "Disc")
+    assert stored.images is not None
+    assert stored.images[0] == stored.image
+    assert [report.mask for report in stored.images] == ["border", "border"]
+    alone = [hof.encode(photo, include="weights").weights for photo in photos]
+    assert stored.weights is not None
+    assert np.allclose(stored.weights, np.mean([each for each in alone if each is not None], axis=0), atol=1e-6)
+    assert hof.encode_views(photos[:1]).id == hof.encode(PHOTO).id
+    assert hof.encode(PHOTO).images is None
+
+
 def test_encode_only_returns_the_weights_and_keeps_nothing(hof: Client, disc_object: StoredObject) -> None:
     count = len(list(hof.iter_objects()))
     encoded = hof.encode_only(image_file(disc()), background="keep", model="tiny-k2")

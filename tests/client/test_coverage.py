@@ -22,6 +22,7 @@ OPERATIONS = [
 ]
 VALUES: Mapping[str, Any] = {
     "image": b"x",
+    "photos": [b"x", b"y"],
     "weights": b"x",
     "object_id": "0" * 32,
     "path": "object.ply",

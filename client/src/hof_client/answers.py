@@ -137,11 +137,13 @@ class EncodedObject(StoredObject):
 
     Attributes
     ----------
+    images : of several photos, the report on each; `image` is that on the first. None for one photo.
     weights : (spec.size,) float32, theta; None unless included.
     color_weights : float32, the weights of the color function; None unless included, or without color.
     """
 
     image: ImageReport
+    images: tuple[ImageReport, ...] | None = None
     weights: Array | None = field(default=None, compare=False)
     color_weights: Array | None = field(default=None, compare=False)
 
@@ -157,6 +159,7 @@ class EncodedWeights:
     dimensions: tuple[float, float, float]
     frame: Box
     image: ImageReport
+    images: tuple[ImageReport, ...] | None = None
     shape_confidence: float | None = None
     camera: Camera | None = None
     weights: Array = field(compare=False)

@@ -42,6 +42,7 @@ class AsyncClient:
 
     encode = awaiting(calls.encode)
     encode_only = awaiting(calls.encode_only)
+    encode_views = awaiting(calls.encode_views)
     import_object = awaiting(calls.import_object)
     objects = awaiting(calls.objects)
     object = awaiting(calls.object)

@@ -53,6 +53,7 @@ class Client:
 
     encode = sending(calls.encode)
     encode_only = sending(calls.encode_only)
+    encode_views = sending(calls.encode_views)
     import_object = sending(calls.import_object)
     objects = sending(calls.objects)
     object = sending(calls.object)

@@ -1,6 +1,7 @@
 """JSON of objects, alone and in lists."""
 
 import base64
+from collections.abc import Sequence
 from dataclasses import asdict
 from datetime import datetime
 from typing import Annotated, Any
@@ -24,7 +25,6 @@ from service.api.responses.parts import (
 )
 from service.encoding.encoder import Encoded
 from service.encoding.estimates import Estimates
-from service.encoding.framing import Framed
 from service.encoding.report import ImageReport as Report
 from service.mapping.frame import Frame
 from service.mapping.spec import Array, Functions, MappingSpec
@@ -89,6 +89,14 @@ class ComposedObjects(BaseModel):
     objects: list[StoredObject]
 
 
+ImageReports = Annotated[
+    list[ImageReport] | SkipJsonSchema[None],
+    Field(
+        default=None,
+        exclude_if=lambda value: value is None,
+        description="of several images of one object: the report on each, in their order; `image` is that on the first",
+    ),
+]
 Weights64 = Annotated[str, Field(description="theta: base64 of its float32 numbers, little-endian")]
 ColorWeights64 = Annotated[
     str | SkipJsonSchema[None],
@@ -100,16 +108,17 @@ class EncodedObject(StoredObject):
     """An object, the report on its image, and its weights if `include=weights`."""
 
     image: ImageReport
+    images: ImageReports = None
     weights: Weights64 | SkipJsonSchema[None] = None
     color_weights: ColorWeights64 = None
 
     @classmethod
     def of_image(
-        cls, record: Record, report: Report, functions: Functions | None, root_path: str | None = None
+        cls, record: Record, reports: Sequence[Report], functions: Functions | None, root_path: str | None = None
     ) -> "EncodedObject":
-        """Return the JSON form of a record, for the client that sent its image."""
+        """Return the JSON form of a record, for the client that sent its images."""
         weights = _weights_fields(functions) if functions else {}
-        fields = _object_fields(record, root_path) | {"image": ImageReport.of(report)}
+        fields = _object_fields(record, root_path) | _image_fields(reports)
         return cls(**fields, **weights)
 
 
@@ -123,13 +132,16 @@ class EncodedWeights(BaseModel):
     dimensions: Dimensions
     frame: Box
     image: ImageReport
+    images: ImageReports = None
     shape_confidence: ShapeConfidence = None
     camera: PhotoCamera = None
     weights: Weights64
     color_weights: ColorWeights64 = None
 
     @classmethod
-    def of(cls, model: str, spec: MappingSpec, functions: Encoded, frame: Frame, framed: Framed) -> "EncodedWeights":
+    def of(
+        cls, model: str, spec: MappingSpec, functions: Encoded, frame: Frame, reports: Sequence[Report]
+    ) -> "EncodedWeights":
         """Return the JSON form of functions that are not kept."""
         return cls(
             model=model,
@@ -138,7 +150,7 @@ class EncodedWeights(BaseModel):
             bytes=functions.theta.nbytes,
             dimensions=frame.dimensions,
             frame=Box(**asdict(frame)),
-            image=ImageReport.of(Report.of(framed)),
+            **_image_fields(reports),
             **_estimates_fields(functions.estimates.rounded() if functions.estimates else None),
             **_weights_fields(functions),
         )
@@ -178,6 +190,11 @@ def _object_fields(record: Record, root_path: str | None) -> dict[str, Any]:
             photo=f"{path}/photo" if record.has_photo else None,
         ),
     }
+
+
+def _image_fields(reports: Sequence[Report]) -> dict[str, Any]:
+    images = [ImageReport.of(report) for report in reports]
+    return {"image": images[0], "images": images if len(images) > 1 else None}
 
 
 def _estimates_fields(estimates: Estimates | None) -> dict[str, Any]:

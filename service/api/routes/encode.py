@@ -1,8 +1,7 @@
-"""POST /encode: an image becomes an object."""
+"""POST /encode: an image, or several of one object, become an object."""
 
-from collections.abc import Callable, Coroutine
-from functools import partial
-from typing import Annotated, Any, Final
+from collections.abc import Sequence
+from typing import Annotated, Final
 
 from fastapi import APIRouter, Query
 from starlette.requests import Request
@@ -15,29 +14,34 @@ from service.api.queries import EncodeQuery
 from service.api.responses.errors import BINARY, BODY_STALLED, NO_SPACE, OBJECT_LOCATION, OVERLOADED, Problem, Responses
 from service.api.responses.objects import EncodedObject, EncodedWeights
 from service.api.wire.disconnects import while_connected
-from service.api.wire.uploads import Photo, read_photo
+from service.api.wire.uploads import read_upload
 from service.encoding.encoder import Encoded, Encoder
-from service.encoding.framing import Framed, preprocess
+from service.encoding.framing import Framed
 from service.encoding.report import ImageReport
-from service.mapping.box import measure
 from service.mapping.frame import Frame as ObjectFrame
 from service.mapping.spec import Functions
+from service.runtime.encoding import MAX_IMAGES, Photos, encode_all, frame_all, id_of
 from service.runtime.frames import complete_record
 from service.runtime.parts import Runtime
-from service.runtime.photos import PhotoKey, photo_id, photo_key, photo_record
+from service.runtime.photos import PhotoKey, RecentPhoto, photo_key, photo_record
 from service.storage.labels import LABEL_SCHEMA
 from service.storage.rows import Details, Record
 
 router = APIRouter()
-
-Frame = Callable[[], Coroutine[Any, Any, Framed]]
 
 IMAGE_TYPES: Final = "PNG, JPEG, WebP or AVIF; HEIC if the service has the extra `heic`"
 FORM: Final = {
     "schema": {
         "type": "object",
         "properties": {
-            "image": {"type": "string", "format": "binary", "description": IMAGE_TYPES},
+            "image": {
+                "type": "array",
+                "items": {"type": "string", "format": "binary"},
+                "minItems": 1,
+                "maxItems": MAX_IMAGES,
+                "uniqueItems": True,
+                "description": f"{IMAGE_TYPES}. Repeat the field for several images of one object",
+            },
             "label": {
                 "type": "string",
                 **LABEL_SCHEMA,
@@ -50,7 +54,8 @@ FORM: Final = {
 REQUEST_BODY: Final = {
     "required": True,
     "description": "The image: raw, or as the field `image` of a form, which may have a `label`, "
-    "too. Its type is detected from its content.",
+    f"too. A form may have up to {MAX_IMAGES} images of one object, together no larger than one may be. Types are "
+    "detected from the content.",
     "content": {
         "multipart/form-data": FORM,
         "image/png": BINARY,
@@ -62,7 +67,7 @@ REQUEST_BODY: Final = {
 }
 RESPONSES: Final[Responses] = {
     200: {
-        "description": "The object that the same image gave before; or, with `store=false`, the weights",
+        "description": "The object that the same images gave before; or, with `store=false`, the weights",
     },
     201: {"model": EncodedObject, "description": "A new object", "headers": OBJECT_LOCATION},
     400: {"model": Problem, "description": "A truncated or corrupt image; a malformed form"},
@@ -95,32 +100,32 @@ async def encode(
     The id is a digest of the image's bytes, its framing, and the models. A repeat answers 200 with the same object
     and costs no inference; a recent photo is not even decoded. Of its label and its photo, a repeat adds what the
     object lacks, and changes nothing.
+
+    Several images, views of one object from different sides, make one object: its theta is the mean of theirs.
     """
     encoder, settings, gates = runtime.models.named(query.model), runtime.settings, runtime.gates
     framing = encoder.framing.with_ratio(query.foreground_ratio)
-    max_bytes, max_pixels = settings.max_image_bytes, settings.max_image_pixels
     client = client_of(request.scope)
-    with gates.images.admit(client=client), gates.uploads.admit(0, client) as upload:
-        photo = await read_photo(request, max_bytes, upload)
-        args = (photo.image, framing, query.background, max_pixels, runtime.matting)
-        keep = query.keep_photo and query.store
-        frame = partial(runtime.run_stoppable, lambda stop: preprocess(*args, stop, thumbnail=keep))
+    with gates.images.admit(client=client) as admitted, gates.uploads.admit(0, client) as upload:
+        images, label = await read_upload(request, settings.max_image_bytes, upload)
+        admitted.grow_to(len(images))
+        photos = Photos(images, framing, query.background, query.keep_photo and query.store)
         if not query.store:
-            framed, encoded, box = await while_connected(request, _encode(frame, runtime, encoder))
-            return EncodedWeights.of(encoder.name, encoder.spec, encoded, box, framed)
-        key = photo_key(photo.image, encoder, query.background, framing.foreground_ratio)
-        repeat, is_new = await _find_repeat(runtime, key, photo.label, query, client), False
+            views, encoded, box = await while_connected(request, _encode(runtime, encoder, photos))
+            return EncodedWeights.of(encoder.name, encoder.spec, encoded, box, _reports(views))
+        key = photo_key(images, encoder, query.background, framing.foreground_ratio)
+        repeat, is_new = await _find_repeat(runtime, key, label, query, client), False
         if repeat:
-            record, report, functions = repeat
+            record, reports, functions = repeat
         else:
-            work = _look_up_or_encode(frame, runtime, encoder, photo, framing.foreground_ratio, client)
-            framed, record, functions, is_stored = await while_connected(request, work)
-            report = ImageReport.of(framed)
+            work = _look_up_or_encode(runtime, encoder, photos, label, client)
+            views, record, functions, is_stored = await while_connected(request, work)
+            reports = _reports(views)
             if not is_stored:
-                record, is_new = await runtime.store.put(record, functions, framed.thumbnail)
-            runtime.recent_photos.keep(key, record.id)
+                record, is_new = await runtime.store.put(record, functions, views[0].thumbnail)
+            runtime.recent_photos.keep(key, RecentPhoto(record.id, reports))
     kept = functions if query.include == "weights" else None
-    answer = EncodedObject.of_image(record, report, kept, settings.root_path)
+    answer = EncodedObject.of_image(record, reports, kept, settings.root_path)
     if is_new:
         response.status_code = 201
         response.headers["Location"] = answer.links.self_
@@ -129,47 +134,48 @@ async def encode(
 
 async def _find_repeat(
     runtime: Runtime, key: PhotoKey, label: str | None, query: EncodeQuery, client: str | None
-) -> tuple[Record, ImageReport, Functions | None] | None:
-    """Return the stored object of a recent photo without decoding the photo; None if it has to be decoded.
+) -> tuple[Record, tuple[ImageReport, ...], Functions | None] | None:
+    """Return the stored object of recent photos without decoding them; None if they have to be decoded.
 
     The functions are read only if the answer holds them.
     """
-    object_id = runtime.recent_photos.find(key)
-    if object_id is None:
+    recent = runtime.recent_photos.find(key)
+    if recent is None:
         return None
     if query.include == "weights":
-        record, functions = await runtime.store.find(object_id) or (None, None)
+        record, functions = await runtime.store.find(recent.object_id) or (None, None)
     else:
-        record, functions = await runtime.store.find_record(object_id), None
-    if record is None or record.image is None or (query.keep_photo and not record.has_photo):
+        record, functions = await runtime.store.find_record(recent.object_id), None
+    if record is None or (query.keep_photo and not record.has_photo):
         return None
     record, _ = await complete_record(runtime, record, Details(label=label), client=client)
-    return (record, record.image, functions) if record.image else None
+    return record, recent.reports, functions
 
 
-async def _encode(frame: Frame, runtime: Runtime, encoder: Encoder) -> tuple[Framed, Encoded, ObjectFrame]:
-    framed = await frame()
-    return framed, *await _functions(runtime, encoder, framed)
-
-
-async def _functions(runtime: Runtime, encoder: Encoder, framed: Framed) -> tuple[Encoded, ObjectFrame]:
-    """Return the functions of a framed image, and the box that they fill."""
-    functions = await runtime.batchers[encoder.name].encode(framed.tensor)
-    return functions, await runtime.run(measure, encoder.spec, functions.theta)
+async def _encode(runtime: Runtime, encoder: Encoder, photos: Photos) -> tuple[list[Framed], Encoded, ObjectFrame]:
+    views = await frame_all(runtime, photos)
+    return views, *await encode_all(runtime, encoder, views)
 
 
 async def _look_up_or_encode(
-    frame: Frame, runtime: Runtime, encoder: Encoder, photo: Photo, foreground_ratio: float, client: str | None
-) -> tuple[Framed, Record, Functions, bool]:
-    """Return the framed image, its object, its functions, and whether the object is stored already."""
-    framed = await frame()
-    object_id = photo_id(photo.image, framed, foreground_ratio, encoder, runtime.matting)
+    runtime: Runtime, encoder: Encoder, photos: Photos, label: str | None, client: str | None
+) -> tuple[list[Framed], Record, Functions, bool]:
+    """Return the framed images, their object, its functions, and whether the object is stored already.
+
+    The report and the picture that are kept with the object are those of the first image.
+    """
+    views = await frame_all(runtime, photos)
+    object_id = id_of(runtime, encoder, photos, views)
     match = await runtime.store.find(object_id)
     if match is not None:
         record, functions = match
-        details = Details(ImageReport.of(framed), photo.label, framed.thumbnail)
+        details = Details(ImageReport.of(views[0]), label, views[0].thumbnail)
         record, _ = await complete_record(runtime, record, details, client=client)
-        return framed, record, functions, True
-    encoded, box = await _functions(runtime, encoder, framed)
-    record = photo_record(object_id, framed, encoder, encoded, box, photo.label)
-    return framed, record, encoded, False
+        return views, record, functions, True
+    encoded, box = await encode_all(runtime, encoder, views)
+    record = photo_record(object_id, views[0], encoder, encoded, box, label)
+    return views, record, encoded, False
+
+
+def _reports(views: Sequence[Framed]) -> tuple[ImageReport, ...]:
+    return tuple(map(ImageReport.of, views))

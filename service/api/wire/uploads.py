@@ -1,5 +1,6 @@
 """Request bodies with a limit: bytes are counted as they arrive, chunked bodies included."""
 
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from python_multipart.exceptions import FormParserError
@@ -8,17 +9,19 @@ from starlette.requests import ClientDisconnect, Request
 
 from service.errors import InvalidInput, InvalidParameter, TooLarge
 from service.runtime.admission import Admitted, ClientLeft
+from service.runtime.encoding import MAX_IMAGES
 from service.storage.labels import clean_label
 
+FIELDS: Final = ("image", "label")
 MAX_DELIMITERS: Final = 64  # of a form; a form of two fields has three
 MAX_PADDING: Final = 64  # spaces and tabs after a delimiter; nobody sends any
 FORM_OVERHEAD_BYTES: Final = 16_384  # boundaries and headers of a form, and its label
 
 
-class Photo(NamedTuple):
-    """The image of a request, and the label for its object."""
+class Upload(NamedTuple):
+    """The images of a request, all of one object, and the label for that object."""
 
-    image: bytes
+    images: tuple[bytes, ...]
     label: str | None = None
 
 
@@ -50,43 +53,47 @@ async def read_body(request: Request, max_bytes: int, admitted: Admitted | None 
     return bytes(body)
 
 
-async def read_photo(request: Request, max_bytes: int, admitted: Admitted) -> Photo:
-    """Return the photo of a request: the fields of a form, or the raw body of any other content type.
+async def read_upload(request: Request, max_bytes: int, admitted: Admitted) -> Upload:
+    """Return the images of a request: the fields of a form, or the raw body of any other content type.
 
     Its bytes count in the gate of `admitted` as they arrive.
 
     Raises
     ------
-    TooLarge : the image exceeds `max_bytes`.
+    TooLarge : the images together exceed `max_bytes`.
     Overloaded : the gate is full.
     InvalidInput : the form is malformed.
-    InvalidParameter : the form has other fields than one `image` and one `label`, or the label is no label.
+    InvalidParameter : the form has other fields than `image`, 1 to MAX_IMAGES times, and one `label`; the same image
+        twice; or a label that is none.
     ClientLeft : the client disconnected before the end of the body.
     """
     content_type, options = parse_options_header(request.headers.get("content-type"))
     if content_type != b"multipart/form-data":
-        return Photo(await read_body(request, max_bytes, admitted))
+        return Upload((await read_body(request, max_bytes, admitted),))
     body = await read_body(request, max_bytes + FORM_OVERHEAD_BYTES, admitted)
-    photo = form_photo(body, options.get(b"boundary", b""))
-    if len(photo.image) > max_bytes:
-        raise TooLarge(f"the image has {len(photo.image)} bytes, the limit is {max_bytes}", field="image")
-    return photo
+    upload = parse_form(body, options.get(b"boundary", b""))
+    if (size := sum(map(len, upload.images))) > max_bytes:
+        subject = "image has" if len(upload.images) == 1 else "images together have"
+        raise TooLarge(f"the {subject} {size} bytes, the limit is {max_bytes}", field="image")
+    return upload
 
 
-def form_photo(body: bytes, boundary: bytes) -> Photo:
-    """Return the fields of a multipart form: `image` and, if it is there, `label`. Raises as `read_photo` does."""
+def parse_form(body: bytes, boundary: bytes) -> Upload:
+    """Return the fields of a multipart form: images and, if it is there, `label`. Raises as `read_upload` does."""
     _check_delimiters(body, boundary)
-    fields: dict[str, bytes] = {}
+    images: list[bytes] = []
+    labels: list[bytes] = []
     ended: list[bool] = []
 
     def take(name: bytes | None, value: bytes) -> None:
         # Refusing at once keeps a form of a million tiny parts from being parsed to its end.
         field = (name or b"")[:64].decode("latin-1")
-        if field not in Photo._fields:
+        if field not in FIELDS:
             raise InvalidParameter("the form may have the fields image and label, no others", field=field)
-        if field in fields:
-            raise InvalidParameter(f"the form has more than one field {field}", field=field)
-        fields[field] = value
+        values, limit = (images, MAX_IMAGES) if field == "image" else (labels, 1)
+        if len(values) == limit:
+            raise InvalidParameter(f"the form has the field {field} more than {limit} times, the limit", field=field)
+        values.append(value)
 
     def take_file(file: File) -> None:
         file.file_object.seek(0)
@@ -109,9 +116,18 @@ def form_photo(body: bytes, boundary: bytes) -> Photo:
         raise InvalidInput("the multipart form is malformed", field="image") from error
     if not ended:
         raise InvalidInput("the multipart form is malformed: its last boundary is missing", field="image")
-    if "image" not in fields:
+    if not images:
         raise InvalidParameter("the form lacks the field image", field="image")
-    return Photo(fields["image"], _label(fields.get("label", b"")))
+    _check_distinct(images)
+    return Upload(tuple(images), _label(b"".join(labels)))
+
+
+def _check_distinct(images: Sequence[bytes]) -> None:
+    """Raise InvalidParameter for the same image twice, which would weigh twice in the mean of the views."""
+    for number, image in enumerate(images):
+        if (first := images.index(image)) < number:
+            detail = f"image {number + 1} of {len(images)} is the same file as image {first + 1}: send each view once"
+            raise InvalidParameter(detail, field="image")
 
 
 def _label(value: bytes) -> str | None:

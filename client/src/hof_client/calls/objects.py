@@ -51,7 +51,36 @@ def encode(
         "model": model,
         "keep_photo": keep_photo,
     }
-    content, headers = _form(_bytes_of(image), label) if label else (_bytes_of(image), {})
+    content, headers = _form([image], label) if label else (_bytes_of(image), {})
+    request = Request("POST", "/encode", query=query, content=content, headers=headers)
+    return Call(request, json_reader(EncodedObject))
+
+
+def encode_views(
+    photos: Sequence[File],
+    *,
+    background: Background = "auto",
+    foreground_ratio: float | None = None,
+    include: Literal["weights"] | None = None,
+    model: str | None = None,
+    label: str | None = None,
+    keep_photo: bool = False,
+) -> Call[EncodedObject]:
+    """Turn several photos of one object, from different sides, into one object. Parameters and errors as in `encode`.
+
+    Parameters
+    ----------
+    photos : 1 to 8, all different, together no larger than one may be. `images` of the answer reports on each.
+    keep_photo : keep a small picture of the object in the first photo.
+    """
+    query = {
+        "background": background,
+        "foreground_ratio": foreground_ratio,
+        "include": include,
+        "model": model,
+        "keep_photo": keep_photo,
+    }
+    content, headers = _form(photos, label)
     request = Request("POST", "/encode", query=query, content=content, headers=headers)
     return Call(request, json_reader(EncodedObject))
 
@@ -126,13 +155,14 @@ def _compose(objects: Sequence[str], mode: str) -> Request:
     return Request("POST", "/compose", content=content, headers={"Content-Type": "application/json"})
 
 
-def _form(image: bytes, label: str) -> tuple[bytes, dict[str, str]]:
-    """Return a multipart form of an image and its label, and its headers."""
+def _form(images: Sequence[File], label: str | None) -> tuple[bytes, dict[str, str]]:
+    """Return a multipart form of images and their label, and its headers."""
     boundary = secrets.token_hex(16)
-    line = f"\r\n--{boundary}"
-    field = 'Content-Disposition: form-data; name="'
-    head = f'--{boundary}\r\n{field}label"\r\n\r\n{label}{line}\r\n{field}image"; filename="image"\r\n\r\n'
-    content = head.encode() + image + f"{line}--\r\n".encode()
+    field = f'--{boundary}\r\nContent-Disposition: form-data; name="'
+    parts = [f'{field}label"\r\n\r\n{label}\r\n'.encode()] if label else []
+    for image in images:
+        parts += [f'{field}image"; filename="image"\r\n\r\n'.encode(), _bytes_of(image), b"\r\n"]
+    content = b"".join([*parts, f"--{boundary}--\r\n".encode()])
     return content, {"Content-Type": f"multipart/form-data; boundary={boundary}"}
 
 

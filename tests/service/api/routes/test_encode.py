@@ -131,6 +131,8 @@ PART = b'--xyz\r\nContent-Disposition: form-data; name="image"; filename="a"\r\n
         (FORM, b"--xyz--\r\n", 422, "image"),
         (FORM, PART.replace(b'"image"', b'"picture"') + b"--xyz--\r\n", 422, "picture"),
         (FORM, PART + PART + b"--xyz--\r\n", 422, "image"),
+        (FORM, PART * 9 + b"--xyz--\r\n", 422, "image"),
+        (FORM, PART + PART.replace(b"abc", b"abd") + b"--xyz--\r\n", 415, "image"),
         (FORM, PART + b"--xyz--\r\n", 415, "image"),
         (FORM, PART.replace(b"abc", bytes(200_001)) + b"--xyz--\r\n", 413, "image"),
         (FORM, bytes(300_000), 413, None),

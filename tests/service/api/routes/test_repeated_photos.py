@@ -5,9 +5,9 @@ from unittest.mock import Mock
 import httpx
 import pytest
 
-from service.api.routes import encode
 from service.encoding.framing import preprocess
-from service.runtime.photos import PhotoKey, RecentPhotos
+from service.runtime import encoding
+from service.runtime.photos import PhotoKey, RecentPhoto, RecentPhotos
 from service.settings import Settings
 from tests.support.photos import disc, image_file
 from tests.support.server import running
@@ -17,7 +17,7 @@ from tests.support.server import running
 def decoding(monkeypatch: pytest.MonkeyPatch) -> Mock:
     """Return a mock that counts the photos that are decoded."""
     decoding = Mock(wraps=preprocess)
-    monkeypatch.setattr(encode, "preprocess", decoding)
+    monkeypatch.setattr(encoding, "preprocess", decoding)
     return decoding
 
 
@@ -46,6 +46,17 @@ def test_other_photo_is_decoded(client: httpx.Client, photo: bytes, decoding: Mo
     client.post("/encode", content=photo)
     assert client.post("/encode", content=image_file(disc("blue"))).status_code == 201
     assert decoding.call_count == 2
+
+
+def test_repeated_views_are_answered_without_decoding(client: httpx.Client, photo: bytes, decoding: Mock) -> None:
+    views = [("image", photo), ("image", image_file(disc("blue")))]
+    first, again = client.post("/encode", files=views), client.post("/encode", files=views)
+    assert (first.status_code, again.status_code) == (201, 200)
+    assert again.json() == first.json()
+    assert len(again.json()["images"]) == 2
+    assert decoding.call_count == 2
+    assert client.post("/encode", files=views[::-1]).status_code == 201
+    assert decoding.call_count == 4
 
 
 def test_photo_of_a_deleted_object_is_encoded_again(client: httpx.Client, photo: bytes, decoding: Mock) -> None:
@@ -94,12 +105,13 @@ def test_recent_photos_drop_the_one_that_was_longest_unused() -> None:
     recent = RecentPhotos(size=2)
     keys: list[PhotoKey] = [(name, "model", "auto", 0.85) for name in (b"a", b"b", b"c")]
     a, b, c = keys
-    recent.keep(a, "1")
-    recent.keep(b, "2")
-    assert recent.find(a) == "1"
-    recent.keep(c, "3")
-    assert [recent.find(key) for key in (a, b, c)] == ["1", None, "3"]
+    one, two, three, four = (RecentPhoto(name, ()) for name in "1234")
+    recent.keep(a, one)
+    recent.keep(b, two)
+    assert recent.find(a) == one
+    recent.keep(c, three)
+    assert [recent.find(key) for key in (a, b, c)] == [one, None, three]
     assert len(recent) == 2
-    recent.keep(a, "4")
-    assert recent.find(a) == "4"
+    recent.keep(a, four)
+    assert recent.find(a) == four
     assert len(recent) == 2
