@@ -39,7 +39,7 @@ class Work:
         for image, one, functions in zip(images, framed, functions_of_each, strict=True):
             object_id = photo_id(image, one, encoder.framing.foreground_ratio, encoder, None)
             record = photo_record(object_id, one, encoder, functions, examine(encoder.spec, functions))
-            answer = EncodedObject.of_image(record, ImageReport.of(one), None)
+            answer = EncodedObject.of_image(record, [ImageReport.of(one)], None)
             fields = answer.model_dump(mode="json", by_alias=True, exclude_none=True)
             objects.append((record, functions, fields))
         return objects

@@ -108,7 +108,8 @@ async def encode(
     client = client_of(request.scope)
     with gates.images.admit(client=client) as admitted, gates.uploads.admit(0, client) as upload:
         images, label = await read_upload(request, settings.max_image_bytes, upload)
-        admitted.grow_to(len(images))
+        if len(images) > 1:  # one is admitted already
+            admitted.grow_to(len(images))
         photos = Photos(images, framing, query.background, query.keep_photo and query.store)
         if not query.store:
             views, encoded, box = await while_connected(request, _encode(runtime, encoder, photos))
