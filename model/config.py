@@ -85,6 +85,8 @@ class TrainConfig:
     )
     late_points: int = option(1_536, "predicted points per object in the late loss", least=1)
     late_target_points: int = option(10_000, "true points per object in the late loss", least=1)
+    augmented: bool = option(default=True, text="change images as photographs differ, and mirror half of them")
+    constant_rate: bool = option(default=False, text="keep the learning rate as it is: no warm-up, no decay")
     variants: bool = option(default=False, text="train on the variants of `hof-model data vary` too")
     own_share: float = option(
         0.0,
@@ -172,6 +174,19 @@ class DeviceOptions:
 
 
 ON_CPU: Final = DeviceOptions(device="cpu")
+PAPER_ENCODER: Final = EncoderConfig(rank=0)
+PAPER_EPOCHS: Final = 4
+PAPER_SCHEDULE: Final = TrainConfig(  # paper, appendix: Implementation Details; its budget depends on the data
+    encoder=PAPER_ENCODER,
+    batch=1,
+    points=1_000,
+    target_points=10_000,
+    learning_rate=1e-5,
+    weight_decay=0.0,
+    gradient_clip=1e9,
+    augmented=False,
+    constant_rate=True,
+)
 COMPARED_RUN: Final = TrainConfig(  # common to all runs of `hof-model retrain`
     steps=1_500, variants=True, late_from=0.5, late_points=1_024, late_target_points=4_000
 )

@@ -63,6 +63,12 @@ def _add_evaluate(stage: argparse.ArgumentParser) -> None:
     stage.add_argument("--ceiling", action="store_true", help="fit theta to each object instead, with the model's spec")
     stage.add_argument("--references", action="store_true", help="add the references that need no training")
     stage.add_argument("--photographs", action="store_true", help="with --run: add views in front of photographs")
+    stage.add_argument(
+        "--protocol",
+        choices=("project", "epcg"),
+        default="project",
+        help="epcg: the protocol of the paper's Table 1, on all views, with a table of classes",
+    )
     stage.add_argument("--split", choices=SPLITS, default="val", help="split to measure on; default: val")
     stage.add_argument(
         "-o", "--output", type=Path, help="write the raw metrics (JSON); with --run its name is the label"
@@ -70,7 +76,33 @@ def _add_evaluate(stage: argparse.ArgumentParser) -> None:
     stage.add_argument("--picture", type=Path, help="write a contact sheet of the model's predictions")
 
 
+def _evaluate_epcg(arguments: argparse.Namespace) -> None:
+    from model.evaluation.comparison import run_answer
+    from model.evaluation.epcg import measure_epcg
+    from model.evaluation.evaluate import encoder_answer
+    from model.evaluation.timing import mapping_decoder, network_decoder
+    from model.report.epcg import section
+    from model.training.checkpoints import chosen_checkpoint
+    from service.encoding.encoder import Encoder
+
+    if arguments.ceiling or arguments.references or arguments.photographs or arguments.picture:
+        raise ValueError("--protocol epcg goes with --run or --model alone: leave out the other options")
+    if arguments.folder:
+        name, answer = arguments.folder.name, run_answer(arguments.folder, arguments.seed)
+        decoder = network_decoder(chosen_checkpoint(arguments.folder))
+    else:
+        encoder = Encoder.open(arguments.model, threads=1)
+        name, answer, decoder = encoder.name, encoder_answer(encoder), mapping_decoder(encoder)
+    record = measure_epcg(name, answer, decoder, arguments.data, arguments.split, arguments.seed)
+    if arguments.output:
+        record.write(arguments.output)
+    print(section(record))
+
+
 def _evaluate(arguments: argparse.Namespace) -> None:
+    if arguments.protocol == "epcg":
+        _evaluate_epcg(arguments)
+        return
     from model.evaluation import comparison
     from model.evaluation.evaluate import cases
     from model.report.sheets import first_objects

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from model.cli import data, evaluate, fit, heads, paper, train
+from model.cli.common import resolve_data
 from service.errors import HofError
 
 INTERRUPTED: Final = 130  # as shells report SIGINT
@@ -15,6 +16,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one stage; its modules are imported only then. Return the exit status."""
     try:
         arguments = _parser().parse_args(argv)
+        resolve_data(arguments)
         arguments.run(arguments)
     except KeyboardInterrupt:
         return INTERRUPTED

@@ -8,7 +8,18 @@ from typing import Final, get_args
 
 from model.cli.common import ROOT, add_data, add_run
 from model.cli.flags import add_flags, number, values
-from model.config import COMPARED_RUN, DENSE, LITE0, LITE0_SIZE, ColorConfig, DeviceOptions, EncoderConfig, TrainConfig
+from model.config import (
+    COMPARED_RUN,
+    DENSE,
+    LITE0,
+    LITE0_SIZE,
+    PAPER_EPOCHS,
+    PAPER_SCHEDULE,
+    ColorConfig,
+    DeviceOptions,
+    EncoderConfig,
+    TrainConfig,
+)
 from service.encoding.framing import Framing
 from service.mapping.spec import DOMAIN_DIMS, HOF_1, HOF_3, MAX_K, MAX_WIDTH, Activation, Domain, MappingSpec
 
@@ -53,6 +64,7 @@ def _add_train(stage: argparse.ArgumentParser) -> None:
     add_data(stage)
     add_run(stage, "folder of checkpoints, log and plot")
     add_flags(stage, TrainConfig())
+    add_schedule(stage)
     add_flags(stage.add_argument_group("device"), DeviceOptions())
     _add_mapping(stage.add_argument_group("mapping function"))
     widths = " ".join(map(str, LITE0.fully_connected))
@@ -76,6 +88,29 @@ def _add_train(stage: argparse.ArgumentParser) -> None:
         metavar="RATIO",
         help=f"share of the side that the object's longest side takes; default: {default.foreground_ratio}",
     )
+
+
+def add_schedule(stage: argparse.ArgumentParser) -> None:
+    """Add `--schedule`, other defaults for the whole run."""
+    stage.add_argument(
+        "--schedule",
+        choices=("project", "paper"),
+        default="project",
+        help="paper: Adam at 1e-5, batches of one image, 4 epochs, DenseNet of full rank, no augmentation; other flags "
+        "change parts of it",
+    )
+
+
+def paper_images(data: Path, packed: str | None) -> int:
+    """Return the images of PAPER_EPOCHS epochs, in each of which every training image is used once.
+
+    Raises
+    ------
+    FileNotFoundError : no such data set.
+    """
+    from model.data.views import count_views
+
+    return PAPER_EPOCHS * count_views(data, "train", packed)
 
 
 def _add_mapping(group: argparse._ArgumentGroup) -> None:
@@ -116,17 +151,23 @@ def _config(arguments: argparse.Namespace) -> TrainConfig:
     InvalidSpec : the flags of the mapping function contradict each other.
     """
     encoder = values(arguments, EncoderConfig)
-    trunk, size = {"dense": (DENSE, Framing().size), "lite0": (LITE0, LITE0_SIZE)}[encoder.get("trunk", DENSE.trunk)]
+    base = PAPER_SCHEDULE if arguments.schedule == "paper" else TrainConfig()
+    dense = (base.encoder, Framing().size)
+    trunk, size = {"dense": dense, "lite0": (LITE0, LITE0_SIZE)}[encoder.get("trunk", DENSE.trunk)]
     size = arguments.size or size
     if size % SIZE_STEP:
         raise ValueError(f"--size is {size}, it must be a multiple of {SIZE_STEP} pixels")
-    return replace(
-        TrainConfig(),
+    config = replace(
+        base,
         spec=_spec(arguments),
         encoder=replace(trunk, **encoder),
         framing=Framing(size, arguments.foreground_ratio),
         **values(arguments, TrainConfig),
     )
+    if arguments.schedule == "paper" and not {"steps", "images", "minutes"} & vars(arguments).keys():
+        packed = values(arguments, DeviceOptions).get("packed")
+        return replace(config, images=paper_images(arguments.data, packed))
+    return config
 
 
 def _spec(arguments: argparse.Namespace) -> MappingSpec:

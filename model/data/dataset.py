@@ -61,9 +61,13 @@ class Examples:
     pieces: list[list[Shape]] = field(default_factory=list)
 
     def built(self, view: int) -> tuple[Bytes, Floats]:
-        """Return one visible view of every object as built: crops (objects, S, S, 4), points (objects, 10000, 3)."""
+        """Return a visible view of every object as built, the last one of those that have fewer.
+
+        Returns crops (objects, S, S, 4) and points (objects, 10000, 3).
+        """
         own = [first for first, *_ in self.shapes]
-        return np.stack([shape.crops[view] for shape in own]), np.stack([shape.points for shape in own])
+        crops = [shape.crops[min(view, len(shape.crops) - 1)] for shape in own]
+        return np.stack(crops), np.stack([shape.points for shape in own])
 
 
 def load_examples(
@@ -135,10 +139,10 @@ def draw_batch(examples: Examples, config: TrainConfig, step: int, light: Light 
 
     Each object, and each group of pieces, appears in one of all its views, variants included. Half of the views are
     mirrored: an image flipped left to right shows the shape with x negated. A share `config.own_share` of an object's
-    draws uses the object itself.
+    draws uses the object itself. Without `config.augmented` views are as rendered, over white.
     """
     rng = np.random.default_rng([config.seed, step])
-    mirrored = rng.random(config.batch) < 0.5
+    mirrored = (rng.random(config.batch) < 0.5) & config.augmented
     crops, points, colors = [], [], []
     groups = [*examples.shapes, *examples.pieces]
     for number, is_mirrored in zip(_epoch_slice(len(groups), config, step), mirrored, strict=True):
@@ -152,8 +156,11 @@ def draw_batch(examples: Examples, config: TrainConfig, step: int, light: Light 
         points.append(targets * MIRROR if is_mirrored else targets)
         if shape.colors is not None:
             colors.append(shape.colors[order])
-    views = torch.from_numpy(np.stack(crops)).permute(0, 3, 1, 2)
-    images = augment(views, config.framing.size, rng, examples.photographs, light)
+    views = torch.from_numpy(np.stack(crops))
+    if config.augmented:
+        images = augment(views.permute(0, 3, 1, 2), config.framing.size, rng, examples.photographs, light)
+    else:
+        images = plain_images(views, config.framing.size)
     images[mirrored] = images[mirrored].flip(3)  # augmentation is symmetric left to right; flipping last is cheapest
     canonical = torch.from_numpy(uniform_points(config, rng))
     batch_colors = torch.from_numpy(np.stack(colors)) if len(colors) == config.batch else None

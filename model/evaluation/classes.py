@@ -4,6 +4,7 @@ import re
 from typing import Final
 
 from model.data.manifest import Entry
+from model.data.shapenet.layouts import LAYOUTS
 
 EVERYDAY: Final = ("chair", "table", "sofa", "bed", "lamp", "cabinet")
 OTHER: Final = "other"
@@ -40,7 +41,9 @@ _CATEGORIES: Final = {"Characters": "figure", "Vehicles": "vehicle", "Doors and 
 
 
 def class_of(entry: Entry) -> str:
-    """Return the class of an object: one of EVERYDAY, another class of RULES, or OTHER."""
+    """Return the class of an object: ShapeNet's, one of EVERYDAY, another class of RULES, or OTHER."""
+    if entry.source in LAYOUTS:
+        return entry.category
     if entry.category in _CATEGORIES:
         return _CATEGORIES[entry.category]
     name = entry.name.lower()

@@ -11,6 +11,7 @@ from model.data.manifest import Split
 from model.evaluation.conditions import Condition
 from model.evaluation.evaluate import (
     PREDICTED_POINTS,
+    Answer,
     Case,
     Evaluation,
     cases,
@@ -83,18 +84,25 @@ def run_record(
     FileNotFoundError : no data set, no checkpoint, or a condition's images are not rendered.
     """
     checkpoint = chosen_checkpoint(run)
-    network, config, state = load_network(checkpoint)
+    _, config, state = load_network(checkpoint)
+    answer = run_answer(run, seed)
+    objects = list(cases(data, split))
+    training = {"steps": state["step"], "minutes": round(state["elapsed_s"] / 60, 1), "config": config.to_dict()}
+    origin = {"training": training, **provenance(config.seed)}
+    evaluations = [measure(name, answer, objects, data, condition, seed=seed)[0] for condition in conditions]
+    return _record(name, split, objects, evaluations, origin, network_decoder(checkpoint))
+
+
+def run_answer(run: Path, seed: int = 0) -> Answer:
+    """Return a function that answers as a trained network of any method does. Raises FileNotFoundError."""
+    network, config, _ = load_network(chosen_checkpoint(run))
     predict = predictor(network, config)
 
     def answer(photo: bytes, n: int) -> Floats:
         points: Floats = predict(preprocess(photo, config.framing).tensor, n, seed)[0]
         return points
 
-    objects = list(cases(data, split))
-    training = {"steps": state["step"], "minutes": round(state["elapsed_s"] / 60, 1), "config": config.to_dict()}
-    origin = {"training": training, **provenance(config.seed)}
-    evaluations = [measure(name, answer, objects, data, condition, seed=seed)[0] for condition in conditions]
-    return _record(name, split, objects, evaluations, origin, network_decoder(checkpoint))
+    return answer
 
 
 def ceiling_record(encoder: Encoder, data: Path, split: Split, seed: int) -> Record:

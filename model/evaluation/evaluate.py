@@ -29,6 +29,7 @@ Floats = npt.NDArray[np.float32]
 Values = npt.NDArray[np.float64]
 Bytes = npt.NDArray[np.uint8]
 Answer = Callable[[bytes, int], Floats]  # an image file's bytes, n -> points (n, 3)
+S = TypeVar("S")
 T = TypeVar("T")
 
 VIEWS: Final = (1, 7, 13, 19)  # of 24: one in each quarter turn
@@ -39,9 +40,9 @@ PREDICTED_POINTS: Final = 10_000  # against all 10,000 true ones
 class Case:
     """One object of a split.
 
-    views : (24, S, S, 4) uint8 RGBA.
+    views : (24, S, S, 4) uint8 RGBA; other data sets may have fewer.
     points : (10000, 3) float32, the true points, object frame.
-    colors : (10000, 3) uint8, sRGB of the points.
+    colors : (10000, 3) uint8, sRGB of the points; (0, 3) if the data set has none.
     cameras : (24, 2) float32, azimuth and elevation in degrees; empty if the data set does not tell.
     """
 
@@ -79,7 +80,8 @@ def cases(data: Path, split: Split) -> Iterator[Case]:
     for entry in Manifest.read(data).of(split):
         with np.load(data / entry.file) as arrays:
             cameras = arrays.get("cameras", np.empty((0, 2), np.float32))
-            yield Case(entry, arrays["views"], arrays["points"], arrays[COLORS], cameras)
+            colors = arrays.get(COLORS, np.empty((0, 3), np.uint8))
+            yield Case(entry, arrays["views"], arrays["points"], colors, cameras)
 
 
 def encoder_answer(encoder: Encoder) -> Answer:
@@ -125,7 +127,7 @@ def measure(
     """
 
     def figures(case: Case) -> list[dict[str, float]]:
-        photos = condition_views(data, case.entry, condition, case.views[list(VIEWS)], seed)
+        photos = condition_views(data, case.entry, condition, chosen_views(case.views), seed)
         answers = [answer(photo, max(counts)) for photo in photos]
         return [_mean([compare(points[:n], case.points) for points in answers]) for n in counts]
 
@@ -143,7 +145,12 @@ def measure_objects(
     return Evaluation(method, _columns(in_threads(figures, objects, method)), n=n)
 
 
-def in_threads(work: Callable[[Case], T], objects: Sequence[Case], description: str) -> list[T]:
+def chosen_views(views: Bytes) -> Bytes:
+    """Return the views that are evaluated: VIEWS, or all of an object that has fewer than these need."""
+    return views[list(VIEWS)] if len(views) > max(VIEWS) else views
+
+
+def in_threads(work: Callable[[S], T], objects: Sequence[S], description: str) -> list[T]:
     """Return `work(object)` for all objects, in order; `description` labels the progress bar."""
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         return list(tqdm(threads.map(work, objects), total=len(objects), desc=description, unit="object", disable=None))

@@ -34,14 +34,18 @@ def pretrained_parts(network: nn.Module) -> list[Lite0]:
     return [part for part in network.modules() if isinstance(part, Lite0)]
 
 
-def set_learning_rate(optimizer: torch.optim.Optimizer, learning_rate: float, progress: float) -> None:
+def set_learning_rate(
+    optimizer: torch.optim.Optimizer, learning_rate: float, progress: float, constant: bool = False
+) -> None:
     """Set each group's learning rate for `progress` in [0, 1]; `rate`, where a group has it, is its share."""
     for group in optimizer.param_groups:
-        group["lr"] = group.get("rate", 1.0) * learning_rate * schedule(progress)
+        group["lr"] = group.get("rate", 1.0) * learning_rate * schedule(progress, constant)
 
 
-def schedule(progress: float) -> float:
-    """Return the share of the learning rate at `progress` in [0, 1]: linear warm-up, then a cosine to 0."""
+def schedule(progress: float, constant: bool = False) -> float:
+    """Return the share of the learning rate at `progress` in [0, 1]: linear warm-up, then a cosine to 0; or 1."""
+    if constant:
+        return 1.0
     if progress < WARMUP:
         return max(progress / WARMUP, 1e-3)
     return 0.5 * (1 + math.cos(math.pi * progress))

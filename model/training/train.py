@@ -77,7 +77,7 @@ def batch_parts(network: nn.Module, config: TrainConfig) -> int:
 
 def train_step(state: RunState, batch: Batch, progress: float, threads: ThreadPoolExecutor, parts: int = 1) -> float:
     """Take one step with the batch in `parts` parts and return its loss."""
-    set_learning_rate(state.optimizer, state.config.learning_rate, progress)
+    set_learning_rate(state.optimizer, state.config.learning_rate, progress, state.config.constant_rate)
     state.network.train()
     state.optimizer.zero_grad(set_to_none=True)
     indices = np.array_split(np.arange(len(batch.images)), parts)

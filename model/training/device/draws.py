@@ -9,7 +9,7 @@ from torch import Tensor
 
 from model.config import TrainConfig
 from model.data.augment import ANY_LIGHT, Light
-from model.data.dataset import Batch
+from model.data.dataset import Batch, plain_images
 from model.data.packed.tensors import Tensors, dequantize
 from model.training.device.augment import Grounds, augment
 from service.mapping.spec import DOMAIN_DIMS, Domain
@@ -49,8 +49,10 @@ class Draws:
         """Draw a view of each unit and what belongs to it, from torch's default generator."""
         device, b = units.device, len(units)
         view = self._views(units)
-        mirrored = torch.rand(b, device=device) < 0.5
-        images = self._augment(self.tensors.images[view], self.config.framing.size, self.grounds, light)
+        size, crops = self.config.framing.size, self.tensors.images[view]
+        mirrored = (torch.rand(b, device=device) < 0.5) & self.config.augmented
+        is_augmented = self.config.augmented
+        images = self._augment(crops, size, self.grounds, light) if is_augmented else plain_images(crops, size)
         images = torch.where(mirrored.view(b, 1, 1, 1), images.flip(3), images)  # augmentation knows no left and right
         shape = self.tensors.shape_of[view]
         count, start = self.tensors.counts[shape].view(b, 1), self.tensors.starts[shape].view(b, 1)

@@ -85,7 +85,8 @@ class Steps:
         state = self.state
         self._units.copy_(self.draws.units(state.step))
         for group in state.optimizer.param_groups:
-            group["lr"].fill_(group["rate"] * state.config.learning_rate * schedule(progress))
+            share = schedule(progress, state.config.constant_rate)
+            group["lr"].fill_(group["rate"] * state.config.learning_rate * share)
         self._share.fill_(1 - ema_decay(state.step))
         seed_step(state.config.seed, state.step)
 

@@ -9,7 +9,7 @@ import pytest
 from model.cli.flags import values
 from model.cli.main import _parser
 from model.cli.train import _config
-from model.config import COMPARED_RUN, LITE0, ColorConfig, EncoderConfig, TrainConfig
+from model.config import COMPARED_RUN, LITE0, PAPER_SCHEDULE, ColorConfig, EncoderConfig, TrainConfig
 from service.encoding.framing import Framing
 from service.errors import InvalidSpec
 from service.mapping.spec import HOF_1, HOF_3, MappingSpec
@@ -49,9 +49,11 @@ def test_train_without_flags_has_the_defaults_of_its_config() -> None:
 
 
 def test_train_with_every_flag_sets_every_field() -> None:
-    flags = [*as_flags(ALL_FLAGS), "--variants", "--made", "--method", "direct"]
+    switches = ["--variants", "--made", "--no-augmented", "--constant-rate"]
+    flags = [*as_flags(ALL_FLAGS), *switches, "--method", "direct"]
     config = config_of(*flags)
-    assert config == replace(TrainConfig(), **ALL_FLAGS, variants=True, made=True, method="direct")
+    switched: dict[str, Any] = {"variants": True, "made": True, "augmented": False, "constant_rate": True}
+    assert config == replace(TrainConfig(), **ALL_FLAGS, **switched, method="direct")
     same = {
         each.name for each in fields(TrainConfig) if getattr(config, each.name) == getattr(TrainConfig(), each.name)
     }
@@ -64,6 +66,12 @@ def test_train_with_flags_of_the_encoder_and_framing_sets_them() -> None:
     config = config_of(*flags.split(), "--size", 96, "--foreground-ratio", 0.5)
     assert config.encoder == EncoderConfig((4, 5), 2, (8,), 0, "dense", 1, 6, 7)
     assert config.framing == Framing(96, 0.5)
+
+
+def test_train_with_the_papers_schedule_has_its_settings_unless_set() -> None:
+    config = config_of("--schedule", "paper", "--steps", 7, "--batch", 2, "--rank", 3)
+    assert config == replace(PAPER_SCHEDULE, steps=7, batch=2, encoder=EncoderConfig(rank=3))
+    assert (PAPER_SCHEDULE.learning_rate, PAPER_SCHEDULE.encoder.rank, PAPER_SCHEDULE.augmented) == (1e-5, 0, False)
 
 
 def test_train_with_lite0_has_its_presets_unless_set() -> None:

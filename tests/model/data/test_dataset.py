@@ -52,6 +52,15 @@ def test_draw_batch_equal_seed_and_step_gives_equal_batches(examples: Examples) 
         assert (first.canonical != other.canonical).any()
 
 
+def test_draw_batch_not_augmented_is_the_view_over_white_and_not_mirrored(examples: Examples) -> None:
+    batch = draw_batch(examples, replace(CONFIG, augmented=False), 3)
+    owners = [int(points[0, 0]) - 1 for points in batch.points]
+    assert min(owners) >= 0  # x is not negated
+    for owner, image in zip(owners, batch.images, strict=True):
+        expected = plain_images(torch.from_numpy(crops(1, 20 * owner)), 16)[0]
+        assert torch.equal(image, expected)
+
+
 def test_draw_batch_two_epochs_draw_every_object_twice(examples: Examples) -> None:
     steps = 2 * OBJECTS // CONFIG.batch  # two epochs
     owners = [int(p[0, 0].abs()) - 1 for step in range(steps) for p in draw_batch(examples, CONFIG, step).points]
