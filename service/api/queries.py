@@ -12,7 +12,7 @@ from service.runtime.options import EncodeOptions, MeshOptions, PathOptions, Pic
 from service.storage.labels import LABEL_SCHEMA, MAX_LABEL, clean_label
 
 PointFormatName = Literal["ply", "npy", "xyz", "json", "glb", "gltf", "pcd", "f32", "f16"]
-MeshFormatName = Literal["glb", "gltf", "obj", "stl", "ply"]
+MeshFormatName = Literal["glb", "gltf", "obj", "stl", "ply", "usdz"]
 
 ModelName = Annotated[
     str | None, Field(max_length=200, description="name of a loaded model; by default the first that `/models` lists")

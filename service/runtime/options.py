@@ -146,7 +146,7 @@ class MeshOptions(CameraOptions):
     color: ColorChoice = Field(
         default="auto",
         description="`auto` writes the vertices' colors if the object has them and the format holds them: `glb`, "
-        "`gltf`, `obj`, `ply`; `none` leaves them out",
+        "`gltf`, `obj`, `ply`, `usdz`; `none` leaves them out",
     )
 
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from service.formats.mesh import gltf, obj, ply, stl
+from service.formats.mesh import gltf, obj, ply, stl, usdz
 from service.mapping.surface import Surface
 
 
@@ -34,5 +34,6 @@ MESH_FORMATS: Final[Mapping[str, MeshFormat]] = {
         MeshFormat("obj", "model/obj", ".obj", obj.dump),
         MeshFormat("stl", "model/stl", ".stl", stl.dump, holds_color=False),
         MeshFormat("ply", "model/ply", ".ply", ply.dump),
+        MeshFormat("usdz", "model/vnd.usdz+zip", ".usdz", usdz.dump),
     )
 }

@@ -155,7 +155,7 @@ def test_openapi_prints_the_committed_schema(capsys: pytest.CaptureFixture[str])
         ("sample photo.png -o out.safetensors", "no format has the suffix"),
         (
             "mesh photo.png -o out.npy",
-            "out.npy: no format has the suffix '.npy'; use one of .glb, .gltf, .obj, .stl, .ply",
+            "out.npy: no format has the suffix '.npy'; use one of .glb, .gltf, .obj, .stl, .ply, .usdz",
         ),
         ("mesh photo.png -o out.stl", "hof: photo.png: "),
         ("mesh photo.png -o out.stl --resolution 1000", "resolution: "),

@@ -18,6 +18,8 @@ from service.mapping.spec import apply, compose, word_of
 from service.mapping.surface import shells
 from tests.support.gltf import check_valid
 from tests.support.small.colored_objects import check_none_leaves_color_out, encoded, file_of
+from tests.support.usd import check_valid as check_usdz
+from tests.support.usd import read as read_usdz
 
 RESOLUTION = 16
 COLORED = [name for name, fmt in MESH_FORMATS.items() if fmt.holds_color]
@@ -31,11 +33,20 @@ def _file(client: httpx.Client, item: dict[str, Any], name: str, **query: int | 
 
 def _read(data: bytes, name: str) -> tuple[trimesh.Trimesh, Levels]:
     """Return what an independent reader gets from a file: the mesh, and the colors of its vertices."""
+    if name == "usdz":
+        mesh = read_usdz(data)
+        return mesh, _levels(mesh.vertex_attributes["color"])
     (mesh,) = trimesh.load_scene(io.BytesIO(data), file_type=name, process=False).geometry.values()
     if name not in ("glb", "gltf"):
         return mesh, mesh.visual.vertex_colors[:, :3].astype(np.float64)
-    linear = mesh.visual.vertex_attributes["color"].astype(np.float64)  # as glTF holds it
-    return mesh, 255 * np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    return mesh, _levels(mesh.visual.vertex_attributes["color"])
+
+
+def _levels(color: npt.NDArray[Any]) -> Levels:
+    """Return the sRGB levels of linear colors, as glTF and USD hold them."""
+    linear = color.astype(np.float64)
+    levels: Levels = 255 * np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    return levels
 
 
 @pytest.mark.parametrize("word", [["red"], ["red", "blue"]])
@@ -75,6 +86,12 @@ def test_colored_mesh_as_gltf_passes_the_khronos_validator(colored: httpx.Client
     assert b"COLOR_0" in data
     assert b'"baseColorFactor":[1.0,1.0,1.0,1.0]' in data  # anything else would tint the colors
     assert check_valid(data, tmp_path)["info"]["totalTriangleCount"] > 1000
+
+
+def test_colored_mesh_as_usdz_has_a_material_of_the_vertices_colors(colored: httpx.Client) -> None:
+    scene = check_usdz(_file(colored, encoded(colored), "usdz"))
+    assert "inputs:diffuseColor.connect = </Object/Material/Color.outputs:result>" in scene
+    assert 'inputs:varname = "displayColor"' in scene
 
 
 @pytest.mark.parametrize("name", MESH_FORMATS)

@@ -14,7 +14,7 @@ from hof_client.bodies import ColoredArrays, ColoredPoints, PointArray, PointChu
 from hof_client.request import Call, Request, Stream, Value
 
 PointFormat = Literal["ply", "npy", "xyz", "json", "glb", "gltf", "pcd", "f32", "f16"]
-MeshFormat = Literal["glb", "gltf", "obj", "stl", "ply"]
+MeshFormat = Literal["glb", "gltf", "obj", "stl", "ply", "usdz"]
 PictureFormat = Literal["png", "webp"]
 PictureView = Literal["three-quarter", "front", "side", "back", "top"]
 WeightFormat = Literal["safetensors", "npy", "json", "onnx"]

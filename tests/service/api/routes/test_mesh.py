@@ -2,6 +2,7 @@
 
 import io
 import re
+import zipfile
 from pathlib import Path
 from typing import get_args
 
@@ -19,6 +20,8 @@ from service.mapping.surface import RESOLUTIONS, surface_of
 from tests.support.gltf import check_valid
 from tests.support.photos import disc, image_file
 from tests.support.server import check_refused
+from tests.support.usd import check_valid as check_usdz
+from tests.support.usd import read as read_usdz
 
 
 @pytest.fixture
@@ -31,8 +34,10 @@ def _mesh(client: httpx.Client, path: str, name: str, **query: float) -> trimesh
     """Read a file with an independent reader; vertices in the order of the file."""
     answer = client.get(path, params={"format": name, **query})
     assert answer.status_code == 200, answer.text
+    if name == "usdz":
+        return read_usdz(answer.content)
     loaded = trimesh.load(io.BytesIO(answer.content), file_type=name, process=False)
-    mesh = loaded.to_geometry() if isinstance(loaded, trimesh.Scene) else loaded
+    (mesh,) = loaded.geometry.values() if isinstance(loaded, trimesh.Scene) else (loaded,)
     assert isinstance(mesh, trimesh.Trimesh)
     return mesh
 
@@ -45,13 +50,11 @@ def test_mesh_in_every_format_holds_the_same_triangles(client: httpx.Client, pat
         np.testing.assert_allclose(mesh.triangles, expected.triangles, rtol=1e-5, atol=1e-5, err_msg=name)
 
 
-@pytest.mark.parametrize("name", ["glb", "gltf", "obj", "ply"])
+@pytest.mark.parametrize("name", ["glb", "gltf", "obj", "ply", "usdz"])
 def test_mesh_file_holds_the_normals_of_the_surface(client: httpx.Client, path: str, name: str) -> None:
     weights = load(client.get(path.replace("mesh", "weights")).content)
     surface = surface_of(Sampler(weights.spec, word_of(weights.spec, weights.theta), weights.frame), 16)
-    answer = client.get(path, params={"format": name, "resolution": 16})
-    loaded = trimesh.load(io.BytesIO(answer.content), file_type=name, process=False)
-    (mesh,) = loaded.geometry.values() if isinstance(loaded, trimesh.Scene) else (loaded,)
+    mesh = _mesh(client, path, name, resolution=16)
     expected = surface.normals[surface.triangles]  # (t, 3, 3)
     np.testing.assert_allclose(mesh.vertex_normals[mesh.faces], expected, atol=1e-4)
 
@@ -60,6 +63,23 @@ def test_mesh_file_holds_the_normals_of_the_surface(client: httpx.Client, path: 
 def test_mesh_as_gltf_passes_the_khronos_validator(client: httpx.Client, path: str, name: str, tmp_path: Path) -> None:
     report = check_valid(client.get(path, params={"format": name}).content, tmp_path)
     assert report["info"]["totalTriangleCount"] > 1000
+
+
+def test_mesh_as_usdz_passes_the_validators_of_openusd(client: httpx.Client, path: str) -> None:
+    answer = client.get(path, params={"format": "usdz", "scale": 0.8})
+    assert answer.headers["content-type"] == "model/vnd.usdz+zip"
+    assert "+Y is up" in check_usdz(answer.content)
+    assert np.ptp(read_usdz(answer.content).vertices, axis=0).max() == pytest.approx(0.8, rel=0.1)
+
+
+def test_mesh_as_usdz_is_one_aligned_file_of_a_zip_without_compression(client: httpx.Client, path: str) -> None:
+    content = client.get(path, params={"format": "usdz"}).content
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        (entry,) = archive.infolist()
+        assert (entry.filename, entry.compress_type) == ("object.usdc", zipfile.ZIP_STORED)
+        inside = archive.read(entry)
+    assert content.index(inside) % 64 == 0
+    assert content == client.get(path, params={"format": "usdz"}).content
 
 
 def test_meshes_asked_for_on_one_connection_at_once_are_all_answered(client: httpx.Client, path: str) -> None:
