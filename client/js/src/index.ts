@@ -1,5 +1,8 @@
 export { Client, type Options } from "./client.js";
 export { CardPoints, isComputable } from "./function/card.js";
+export { pointsGlb, surfaceGlb } from "./files/glb.js";
+export { pointsPly } from "./files/ply.js";
+export { writeFunctions } from "./files/safetensors.js";
 export { formOf, readFunctions } from "./function/weights.js";
 export type { Form, Frame, Functions, Spec } from "./function/weights.js";
 export { ConnectionFailed, HofError, Problem, PROBLEM_TYPES, UnexpectedAnswer, type ProblemType } from "./problems.js";
@@ -8,4 +11,5 @@ export type { Answer, JsonRoute, Raw, Request, Route } from "./routes.js";
 export { canonicalPoints } from "./sampling/canonical.js";
 export { dimensionsOf, measureFrame } from "./sampling/frame.js";
 export { sample, sampleColors, sampleOnCard, type SampleOptions } from "./sampling/sample.js";
+export { surfaceOf, type Surface } from "./sampling/surface.js";
 export type * from "./schema.js";

@@ -1,0 +1,117 @@
+// A photo -> the encoder's input, framed as the service does it (service/encoding/framing.py).
+
+import { FLOOR, matteOf, type Mask, type Matte } from "./masks.js";
+import { crop, reduce, resize, type Box, type Pixels } from "./pixels.js";
+
+export type Background = "auto" | "keep" | "remove";
+
+/** An encoder's input and its origin in the photo. */
+export interface Framed {
+  /** (3, size, size) numbers in [0, 1], RGB, the object over white. */
+  tensor: Float32Array;
+  mask: Mask;
+  /** The object in the photo. */
+  box: Box;
+  /** Mean of the matte, weighted by itself; undefined without a mask. */
+  confidence?: number;
+  width: number;
+  height: number;
+}
+
+/** A photo in which no object can be told from its background. */
+export class NoObjectFound extends Error {
+  override name = "NoObjectFound";
+}
+
+const WORK_SIDE = 1024; // pixels of the longest side at which masks and crops are computed
+const MIN_FOREGROUND = 5e-4; // of the image's pixels
+const SPECKS = 2e-4; // of the foreground, which are cut from each end
+
+/**
+ * Crop a square around the object and resize it. `size`: side of the input, pixels; `ratio`: share of it that the
+ * object's longer side takes. Throws NoObjectFound.
+ */
+export function frame(photo: Pixels, size: number, ratio: number, background: Background = "auto"): Framed {
+  const { width, height } = photo;
+  const factor = Math.max(1, Math.ceil(Math.max(width, height) / WORK_SIDE));
+  const work = factor > 1 ? reduce(photo, factor) : photo;
+  const { mask, matte } = background === "keep" ? { mask: "none" as const, matte: undefined } : matteOf(work);
+  if (!matte) {
+    if (background === "remove") {
+      throw new NoObjectFound("the background cannot be removed: the image has neither transparency nor a uniform border");
+    }
+    const tensor = overWhite(cropped(work, [0, 0, work.width, work.height], 1, size));
+    return { tensor, mask, box: [0, 0, width, height], width, height };
+  }
+  const box = foregroundBox(matte, work);
+  const tensor = overWhite(cropped(withAlpha(work, matte), box, ratio, size));
+  const [left, top, right, bottom] = box.map((edge) => factor * edge);
+  const inPhoto: Box = [left, top, Math.min(right, width), Math.min(bottom, height)];
+  return { tensor, mask, box: inPhoto, confidence: confidenceOf(matte), width, height };
+}
+
+function cropped(image: Pixels, box: Box, ratio: number, size: number): Pixels {
+  const [left, top, right, bottom] = box;
+  const side = Math.max(1, roundHalfToEven(Math.max(right - left, bottom - top) / ratio));
+  const [x, y] = [Math.floor((left + right - side) / 2), Math.floor((top + bottom - side) / 2)];
+  return resize(crop(image, [x, y, x + side, y + side]), size);
+}
+
+function withAlpha(image: Pixels, matte: Matte): Pixels {
+  const data = image.data.slice();
+  matte.forEach((value, at) => (data[4 * at + 3] = value));
+  return { width: image.width, height: image.height, data };
+}
+
+/** Composite over white: (3, height, width) numbers in [0, 1]. */
+function overWhite({ width, height, data }: Pixels): Float32Array {
+  const count = width * height;
+  const tensor = new Float32Array(3 * count);
+  for (let at = 0; at < count; at++) {
+    const alpha = data[4 * at + 3] / 255;
+    for (let channel = 0; channel < 3; channel++) {
+      tensor[channel * count + at] = (data[4 * at + channel] / 255) * alpha + (1 - alpha);
+    }
+  }
+  return tensor;
+}
+
+function confidenceOf(matte: Matte): number {
+  const [sum, squares] = matte.reduce(([sum, squares], value) => [sum + value, squares + value * value], [0, 0]);
+  return squares / sum / 255;
+}
+
+/** The bounding box of the pixels above the floor, without specks. */
+function foregroundBox(matte: Matte, { width, height }: Pixels): Box {
+  const [columns, rows] = [new Float64Array(width), new Float64Array(height)];
+  matte.forEach((value, at) => {
+    if (value <= FLOOR) return;
+    columns[at % width]++;
+    rows[Math.floor(at / width)]++;
+  });
+  const solid = rows.reduce((sum, count) => sum + count, 0);
+  if (solid / (width * height) < MIN_FOREGROUND) {
+    throw new NoObjectFound("no object found in the image: nothing stands out from its background");
+  }
+  const [left, right] = span(columns, solid);
+  const [top, bottom] = span(rows, solid);
+  return [left, top, right, bottom];
+}
+
+/** The first index and one past the last, after specks are cut from each end. */
+function span(counts: Float64Array, total: number): [number, number] {
+  const slack = Math.floor(total * SPECKS);
+  let [sum, first, last] = [0, -1, -1];
+  counts.forEach((count, index) => {
+    sum += count;
+    if (first < 0 && sum > slack) first = index;
+    if (last < 0 && sum >= total - slack) last = index;
+  });
+  return [first, last + 1];
+}
+
+function roundHalfToEven(value: number): number {
+  const below = Math.floor(value);
+  const rest = value - below;
+  return rest > 0.5 || (rest === 0.5 && below % 2 === 1) ? below + 1 : below;
+}

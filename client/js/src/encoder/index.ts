@@ -1,0 +1,74 @@
+// The image encoder without the service: a photo becomes functions, by onnxruntime-web.
+
+import * as ort from "onnxruntime-web/wasm";
+
+import type { Functions } from "../function/weights.js";
+import { measureFrame } from "../sampling/frame.js";
+import { frame, type Background, type Framed } from "./framing.js";
+import { readMetadata, type Metadata } from "./metadata.js";
+import type { Pixels } from "./pixels.js";
+
+export { frame, NoObjectFound, type Background, type Framed } from "./framing.js";
+export type { Mask } from "./masks.js";
+export type { Metadata } from "./metadata.js";
+export type { Box, Pixels } from "./pixels.js";
+
+/** A photo's object, and how it was told from its background. */
+export interface Encoded {
+  functions: Functions;
+  image: Omit<Framed, "tensor">;
+  /** Expected F-score at 2% of the longest side, 0 to 1, if the model estimates it. */
+  shapeConfidence?: number;
+}
+
+/** One image encoder. */
+export class Encoder {
+  readonly metadata: Metadata;
+  readonly #session: ort.InferenceSession;
+
+  private constructor(metadata: Metadata, session: ort.InferenceSession) {
+    this.metadata = metadata;
+    this.#session = session;
+  }
+
+  /** Open an ONNX file of `hof-model export`. `wasm`: address of ort-wasm-simd-threaded.wasm, unless it is beside. */
+  static async open(model: Uint8Array, { wasm }: { wasm?: string } = {}): Promise<Encoder> {
+    ort.env.wasm.numThreads = 1; // more need a page that is isolated from other origins
+    if (wasm !== undefined) ort.env.wasm.wasmPaths = { wasm };
+    return new Encoder(readMetadata(model), await ort.InferenceSession.create(model));
+  }
+
+  /** Encode a photo. Throws NoObjectFound. */
+  async encode(photo: Pixels, background: Background = "auto"): Promise<Encoded> {
+    const { spec, colorSpec, framing } = this.metadata;
+    const { tensor, ...image } = frame(photo, framing.size, framing.foreground_ratio, background);
+    const input = new ort.Tensor("float32", tensor, [1, 3, framing.size, framing.size]);
+    const outputs = await this.#session.run({ image: input });
+    const rows = [numbersOf(outputs.theta)];
+    const functions: Functions = {
+      spec,
+      rows,
+      ...(colorSpec && { colorSpec }),
+      colorRows: colorSpec ? [numbersOf(outputs.color)] : [],
+      frame: measureFrame({ spec, rows }),
+      bytes: 4 * rows[0].length,
+    };
+    const confidence = outputs.shape_confidence;
+    return { functions, image, ...(confidence && { shapeConfidence: numbersOf(confidence)[0] }) };
+  }
+}
+
+/** Decode the file of a photo, upright and in sRGB, as a browser does it. */
+export async function decode(file: Blob): Promise<Pixels> {
+  const bitmap = await createImageBitmap(file);
+  const canvas = new OffscreenCanvas(bitmap.width, bitmap.height);
+  const context = canvas.getContext("2d", { willReadFrequently: true });
+  if (!context) throw new Error("the browser draws no pictures");
+  context.drawImage(bitmap, 0, 0);
+  bitmap.close();
+  return context.getImageData(0, 0, canvas.width, canvas.height);
+}
+
+function numbersOf(tensor: ort.Tensor): Float32Array {
+  return (tensor.data as Float32Array).slice();
+}

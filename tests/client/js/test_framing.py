@@ -1,0 +1,87 @@
+"""Photos framed in Node as the service frames them: the same mask, the same box, nearly the same pixels."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image, ImageDraw
+
+from service.encoding.decode import decode
+from service.encoding.framing import Framing, frame, over_white
+from tests.client.js.conftest import Run
+from tests.support import ROOT
+
+pytestmark = pytest.mark.system
+
+SIZE, RATIO = 160, 0.85
+LEVEL = 1 / 255
+FRAME = """
+import { readFile, writeFile } from "node:fs/promises";
+import { frame } from "hof-client/encoder";
+const [source, target, width, height, size, ratio] = process.argv.slice(1);
+const data = new Uint8ClampedArray(await readFile(source));
+const photo = { data, width: Number(width), height: Number(height) };
+const { tensor, ...report } = frame(photo, Number(size), Number(ratio));
+await writeFile(target, tensor);
+console.log(JSON.stringify(report));
+"""
+
+
+def _shape(mode: str, size: tuple[int, int], background: object, *, noise: int = 0) -> Image.Image:
+    """Draw an ellipse with a hole on a background."""
+    image = Image.new(mode, size, background)  # type: ignore[arg-type]
+    width, height = size
+    draw = ImageDraw.Draw(image)
+    box = (width // 5, height // 7, 2 * width // 3, 6 * height // 7)
+    draw.ellipse(
+        box, fill=(180, 60, 40, 255)[: len(image.getbands())], outline=(20, 90, 60, 120)[: len(image.getbands())]
+    )
+    draw.rectangle((width // 3, height // 3, width // 2, height // 2), fill=background)  # type: ignore[arg-type]
+    if noise:
+        pixels = np.asarray(image).astype(int)
+        pixels += np.random.default_rng(0).integers(-noise, noise + 1, pixels.shape)
+        image = Image.fromarray(pixels.clip(0, 255).astype(np.uint8), mode)
+    return image
+
+
+def _framed(image: Image.Image) -> Image.Image:
+    """Round off the corners with transparency, less than tells an object."""
+    mask = Image.new("L", image.size, 0)
+    ImageDraw.Draw(mask).rounded_rectangle((0, 0, image.width - 1, image.height - 1), radius=12, fill=255)
+    result = image.convert("RGBA")
+    result.putalpha(mask)
+    return result
+
+
+PHOTOS: dict[str, Callable[[], Image.Image]] = {
+    **{
+        path.stem: lambda path=path: decode(path.read_bytes())  # type: ignore[misc]
+        for path in sorted((ROOT / "demo").glob("*.*g")) + sorted((ROOT / "service/viewer/static/photos").glob("*"))
+        if path.name != "demo.png"
+    },
+    "plain": lambda: _shape("RGB", (700, 500), (240, 238, 235), noise=3),
+    "small": lambda: _shape("RGB", (61, 83), (255, 255, 255)),
+    "transparent": lambda: _shape("RGBA", (640, 480), (0, 0, 0, 0)),
+    "large and transparent": lambda: _shape("RGBA", (2501, 1703), (0, 0, 0, 0)),
+    "large and plain": lambda: _shape("RGB", (1703, 2501), (30, 30, 34), noise=2),
+    "rounded": lambda: _framed(_shape("RGB", (400, 300), (200, 210, 220))),
+    "any background": lambda: _shape("RGB", (300, 400), (128, 128, 128), noise=90),
+}
+
+
+@pytest.mark.parametrize("name", PHOTOS)
+def test_photo_is_framed_as_by_the_service(npm: Run, built: Path, tmp_path: Path, name: str) -> None:
+    image = PHOTOS[name]()
+    (tmp_path / "photo.rgba").write_bytes(image.convert("RGBA").tobytes())
+    numbers = (*image.size, SIZE, RATIO)
+    arguments = (str(tmp_path / "photo.rgba"), str(tmp_path / "tensor.f32"), *map(str, numbers))
+    report = json.loads(npm("node", "--input-type=module", "--eval", FRAME, *arguments))
+    crop = frame(image, Framing(SIZE, RATIO))
+    assert (report["mask"], tuple(report["box"])) == (crop.mask, crop.box)
+    assert report.get("confidence") == (crop.confidence and pytest.approx(crop.confidence, abs=1e-6))
+    tensor = np.fromfile(tmp_path / "tensor.f32", np.float32).reshape(1, 3, SIZE, SIZE)
+    difference = np.abs(tensor - over_white(crop.rgba))
+    assert difference.max() <= 2.01 * LEVEL
+    assert difference.mean() < 0.1 * LEVEL
