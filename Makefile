@@ -15,7 +15,7 @@ JS := client/js/node_modules/.package-lock.json
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo serve check quick test lint bench load soak results paper gpu-check openapi lock clean
+.PHONY: help demo serve check quick test lint bench load soak replicas results paper gpu-check openapi lock clean
 
 demo serve: export U2NET_HOME ?= $(dir $(MATTING))
 
@@ -53,6 +53,9 @@ load: .venv/peers/stamp .venv/system.stamp ## overload, peers, kills, outages, d
 
 soak: .venv/dev.stamp ## 200,000 mixed requests; writes benchmarks/SOAK.md
 	$(BIN)/python -m benchmarks.load.soak
+
+replicas: .venv/dev.stamp .venv/system.stamp ## four processes on one database, killed now and then; writes benchmarks/REPLICAS.md
+	$(BIN)/python -m benchmarks.load.replicas
 
 results: .venv/bench.stamp .venv/system.stamp ## build the data set, evaluate the shipped models: RESULTS.md
 	$(BIN)/hof-model data build

@@ -85,6 +85,18 @@ def test_soak_of_few_requests_writes_its_page(tmp_path: Path) -> None:
     assert "| answers of 5xx | 0.00 | <= 0 | yes |" in text
 
 
+@pytest.mark.system
+def test_replicas_of_few_operations_write_their_page(tmp_path: Path) -> None:
+    options = ["--operations", "60", "--kills", "1", "--sizes", "1", "--seconds", "0.5", "-o", str(tmp_path)]
+    command = [sys.executable, "-m", "benchmarks.load.replicas", *options]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=RUN_TIMEOUT_S, check=False, cwd=ROOT)
+    assert (run.returncode, run.stderr) == (0, "")
+    text = (tmp_path / "REPLICAS.md").read_text()
+    assert "| 4 replicas, PostgreSQL through PgBouncer: lost, doubled or wrong | 0.00 | <= 0 | yes |" in text
+    assert "| 4 workers, SQLite: lost, doubled or wrong | 0.00 | <= 0 | yes |" in text
+    assert text.count("| `POST /encode`, new photos of 512 x 512 | 1 |") == 1
+
+
 @pytest.mark.slow
 def test_bulk_run_of_few_photos_prints_its_page() -> None:
     command = [sys.executable, "-m", "benchmarks.speed.bulk", "--photos", "40"]

@@ -156,6 +156,12 @@ def free_port() -> int:
     return port
 
 
+def worker_pids(supervisor: int) -> list[int]:
+    """Return the worker processes of a service's supervisor, oldest first."""
+    children = Path(f"/proc/{supervisor}/task/{supervisor}/children").read_text().split()
+    return [int(pid) for pid in children if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+
+
 def is_ready(url: str) -> bool:
     """Return whether the service tells a new connection that it is ready.
 

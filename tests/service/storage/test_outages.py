@@ -12,7 +12,7 @@ import pytest
 
 from service.formats.weights import Weights, dump
 from service.mapping.spec import HOF_1, initial_theta
-from tests.support.processes import HOF, flags, hof_serve
+from tests.support.processes import HOF, flags, hof_serve, worker_pids
 from tests.support.slow import until
 from tests.support.systems.postgres import USER, Postgres, running_postgres
 from tests.support.systems.postgres_faults import FAULTS, MAX_CONNECTIONS, stopped
@@ -199,11 +199,10 @@ def test_worker_that_dies_while_postgresql_is_down_comes_back_after_it(
     ):
         log = tmp_path / "log"
         until(lambda: log.read_text().count("startup complete") == 2)
-        children = Path(f"/proc/{served.process.pid}/task/{served.process.pid}/children").read_text().split()
-        workers = [pid for pid in children if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+        workers = worker_pids(served.process.pid)
         own_postgres.stop()
         try:
-            subprocess.run(["kill", "-KILL", workers[-1]], check=True)
+            subprocess.run(["kill", "-KILL", str(workers[-1])], check=True)
             until(lambda: "trying again" in log.read_text())
             assert served.process.poll() is None
             assert client.get("/health/ready").status_code == 503

@@ -63,8 +63,7 @@ class Postgres:
     @contextmanager
     def frozen(self) -> Iterator[None]:
         """Stop all processes of the server until the block ends; the kernel still accepts connections for them."""
-        pid = (self.folder / "data" / "postmaster.pid").read_text().split()[0]
-        pids = [int(pid), *map(int, Path(f"/proc/{pid}/task/{pid}/children").read_text().split())]
+        pids = self.pids()
         _signal(pids, signal.SIGSTOP)
         try:
             yield
@@ -81,18 +80,24 @@ class Postgres:
             with _started(folder, "") as server:
                 yield server
 
+    def pids(self) -> list[int]:
+        """Return the server's processes: the first one, and those of its connections and housekeeping."""
+        pid = (self.folder / "data" / "postmaster.pid").read_text().split()[0]
+        return [int(pid), *map(int, Path(f"/proc/{pid}/task/{pid}/children").read_text().split())]
+
     def promote(self) -> None:
         """Let a standby accept writes, and wait until it does."""
         subprocess.run([*self._control, "promote"], check=True, stdout=subprocess.DEVNULL, cwd=self.folder)
 
     @contextmanager
-    def bouncer(self, url: str, port: int | None = None) -> Iterator[str]:
-        """Run PgBouncer, with two connections shared by transaction; the URL of the same database through it."""
+    def bouncer(self, url: str, port: int | None = None, connections: int = 2) -> Iterator[str]:
+        """Run PgBouncer, with connections shared by transaction; the URL of the same database through it."""
         port = port or free_port()
         path = self.folder / f"bouncer-{port}.ini"
         path.write_text(
             f"[databases]\n* = host=127.0.0.1 port={self.port} user={USER}\n[pgbouncer]\nlisten_addr=127.0.0.1\n"
-            f"listen_port={port}\nunix_socket_dir=\nauth_type=any\npool_mode=transaction\ndefault_pool_size=2\n"
+            f"listen_port={port}\nunix_socket_dir=\nauth_type=any\npool_mode=transaction\n"
+            f"default_pool_size={connections}\n"
         )
         with subprocess.Popen([*_unprivileged(), _tool("pgbouncer"), "--quiet", str(path)]) as process:
             try:
