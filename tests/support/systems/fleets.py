@@ -17,12 +17,11 @@ POLL_S: Final = 0.05
 
 
 class Fleet(Protocol):
-    """Processes that serve one database.
+    """Processes that serve one database."""
 
-    urls : one of each replica; a single one for workers, which share a port.
-    """
-
-    urls: Sequence[str]
+    @property
+    def urls(self) -> Sequence[str]:
+        """Return the URL of each replica; a single one for workers, which share a port."""
 
     def kill_one(self, draw: random.Random) -> None:
         """Kill one of the processes with SIGKILL, and return when another serves in its place."""
