@@ -58,15 +58,23 @@ def _matte_within(image: Image.Image, alpha: Matte, matting: MattingFunction | N
 
 
 def _border_matte(image: Image.Image) -> Matte | None:
-    """Return the matte of the pixels that differ from a uniform border; None if the border is not uniform."""
-    edge = _edge(image.size)
-    color = np.median(_ring(np.asarray(image), edge), axis=0).astype(int)
+    """Return the matte of the pixels of an RGB image that differ from a uniform border; None if it is not uniform."""
+    color = np.median(_border(image), axis=1).astype(int)
     difference = ImageChops.difference(image, Image.new("RGB", image.size, tuple(color.tolist())))
     red, green, blue = difference.split()
     farthest = ImageChops.lighter(ImageChops.lighter(red, green), blue)  # five times as fast in Pillow as in NumPy
-    if (_ring(np.asarray(farthest), edge) <= BORDER_TOLERANCE).mean() < BORDER_SHARE:
+    if (_ring(np.asarray(farthest), _edge(image.size)) <= BORDER_TOLERANCE).mean() < BORDER_SHARE:
         return None
     return np.asarray(farthest.point(_RAMP))
+
+
+def _border(image: Image.Image) -> npt.NDArray[np.uint8]:
+    """Return the border's pixels of an RGB image, corners twice: (3, n). Only these are copied out of the image."""
+    edge, (width, height) = _edge(image.size), image.size
+    across = [(0, top, width, top + edge) for top in (0, height - edge)]
+    down = [(left, 0, left + edge, height) for left in (0, width - edge)]
+    sides = [np.asarray(image.crop(box)).reshape(-1, 3).T for box in (*across, *down)]
+    return np.concatenate(sides, axis=1)
 
 
 def _edge(size: tuple[int, ...]) -> int:

@@ -34,7 +34,7 @@ def upright_rgb(image: Image.Image, orientation: int, profile: bytes | None) -> 
         image = image.convert("RGB")
     if profile is not None:
         image = _to_srgb(image, profile)
-    return image if image.mode == "RGBA" else image.convert("RGB")
+    return image if image.mode in ("RGB", "RGBA") else image.convert("RGB")
 
 
 def reduction(size: tuple[int, int]) -> int:
