@@ -147,11 +147,11 @@ def preprocess(
 def over_white(rgba: Image.Image) -> npt.NDArray[np.float32]:
     """Composite an RGBA image of (size, size) over white: (1, 3, size, size) float32 in [0, 1]."""
     pixels = np.asarray(rgba).transpose(2, 0, 1)  # (4, size, size)
-    planes = np.divide(pixels, np.float32(255), out=np.empty(pixels.shape, np.float32))
-    rgb, alpha = planes[:3], planes[3]
+    planes: npt.NDArray[np.float32] = np.divide(pixels, np.float32(255), out=np.empty(pixels.shape, np.float32))
+    rgb, alpha = planes[None, :3], planes[3]
     rgb *= alpha
     rgb += 1 - alpha
-    return rgb[None]  # (1, 3, size, size)
+    return rgb  # (1, 3, size, size)
 
 
 def _confidence(matte: Matte) -> float:
