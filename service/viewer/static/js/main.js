@@ -1,7 +1,7 @@
 // The page: encode a photo, show objects, mix two of them.
 import { compose, fetchObject, wordBody } from "./api.js";
 import { showCurl } from "./curl.js";
-import { markCards, reloadGallery, startGallery, updateCard } from "./gallery.js";
+import { markCards, reloadGallery, startGallery, updateCard } from "./gallery/gallery.js";
 import { hideName, showName, startNaming } from "./object/name.js";
 import { watchConnection } from "./notice.js";
 import { hidePhoto, showModels, startPhotos } from "./photo/photo.js";

@@ -10,8 +10,8 @@ export class Turntable {
     this.isSeen = true;
     controls.autoRotateSpeed = SPEED;
     for (const event of ["pointerdown", "wheel"]) canvas.addEventListener(event, () => this.stop(), { passive: true });
-    new IntersectionObserver(([entry]) => {
-      this.isSeen = entry.isIntersecting;
+    new IntersectionObserver((entries) => {
+      this.isSeen = entries.at(-1).isIntersecting;
       this.#next();
     }).observe(canvas);
   }

@@ -1,11 +1,14 @@
-// The stored objects as cards. A click opens an object; dragging one onto another mixes the two.
-import { deleteObject, fetchPhoto, fetchPicture, listObjects } from "./api.js";
-import { notify } from "./notice.js";
-import { attempt } from "./problem.js";
-import { text } from "./text.js";
+// The stored objects as cards. A click opens an object; dragging one onto another mixes the two. Pages of the list are
+// fetched as the visitor scrolls; cards far from the view keep nothing but a name.
+import { deleteObject, listObjects } from "../api.js";
+import { notify } from "../notice.js";
+import { attempt } from "../problem.js";
+import { text } from "../text.js";
+import { canMix, emptyCard, fillCard, isFilled, nameOf } from "./card.js";
+import { dropPictures, wantPictures } from "./thumbnails.js";
 
-const PAGE = 24;
-const SIDE = 240; // of a picture, pixels
+const PAGE = 60;
+const NEAR = "1200px 0px"; // from the view: cards are filled, and the next page is fetched
 const UNDO_MS = 7000; // until a deletion is sent
 
 const section = document.getElementById("gallery");
@@ -14,26 +17,31 @@ const hint = document.getElementById("hint");
 const more = document.getElementById("more");
 
 const cards = new Map(); // by id: {object, item}
-const pictures = new Map(); // addresses by id: {picture, photo}
 const leaving = new Map(); // timers of deletions that can be undone, by id
 let cursor = null;
+let loads = 0; // of pages, to tell a page of a list that was loaded again meanwhile
 let picked = null; // id of the first object of a mix
 let dragged; // the object that is being dragged
 let actions = {};
 let marks = {}; // labels of the shown objects, by id
 
-const seen = new IntersectionObserver((entries) => {
-  for (const { target, isIntersecting } of entries) {
-    if (!isIntersecting) continue;
-    seen.unobserve(target);
-    attempt(() => draw(target));
-  }
-});
+const nearby = observer(NEAR, (card, isNear) => (isNear ? fill(card) : empty(card)));
+const inView = observer("100px 0px", (card, isSeen) => (isSeen ? wantPictures(card) : dropPictures(card)));
+const end = new IntersectionObserver((entries) => entries.at(-1).isIntersecting && loadMore(), { rootMargin: NEAR });
+
+function observer(rootMargin, run) {
+  const each = ({ target, isIntersecting }) => {
+    const card = cards.get(target.dataset.id);
+    if (card?.item === target) run(card, isIntersecting);
+  };
+  return new IntersectionObserver((entries) => entries.forEach(each), { rootMargin });
+}
 
 /** Set up the gallery; `handlers` has `open(object)` and `compose(first, second)`. */
 export function startGallery(handlers) {
   actions = handlers;
-  more.addEventListener("click", () => attempt(() => load(cursor)));
+  more.addEventListener("click", loadMore);
+  list.addEventListener("focusin", ({ target }) => fillBeside(target.closest("li")));
   document.addEventListener("keydown", (event) => event.key === "Escape" && pick(null));
   addEventListener("pagehide", () => [...leaving.keys()].forEach((id) => deleteObject(id, true).catch(() => {})));
   pick(null);
@@ -48,10 +56,7 @@ export async function reloadGallery() {
 /** Mark the shown or mixed objects; `labels` maps an id to its letter, or to an empty string. */
 export function markCards(labels) {
   marks = labels;
-  for (const [id, { item }] of cards) {
-    item.classList.toggle("shown", id in labels);
-    item.querySelector(".letter").textContent = labels[id] ?? "";
-  }
+  cards.forEach(mark);
 }
 
 /** Show an object under its new name. */
@@ -60,23 +65,30 @@ export function updateCard(object) {
   if (!card) return;
   card.object = object;
   fill(card);
-  draw(card.item);
-  markCards(marks);
 }
 
 async function load(from) {
+  const mine = ++loads;
   const page = await listObjects(from, PAGE);
+  if (mine !== loads) return page.items;
   if (from === null) {
+    for (const each of [nearby, inView]) each.disconnect();
     cards.clear();
     list.replaceChildren();
     pick(null);
   }
   const items = page.items.filter((object) => !leaving.has(object.id));
   items.forEach(add);
-  markCards(marks);
   cursor = page.next;
   more.hidden = cursor === null;
+  end.unobserve(more); // it tells again whether the end is still near
+  end.observe(more);
   return items;
+}
+
+function loadMore() {
+  end.unobserve(more); // until the page is there; where it fails, the button remains
+  attempt(() => load(cursor));
 }
 
 function add(object) {
@@ -84,72 +96,49 @@ function add(object) {
   item.dataset.id = object.id;
   const card = { object, item };
   cards.set(object.id, card);
-  fill(card);
+  emptyCard(card);
+  mark(card);
   if (canMix(object)) acceptDrags(card);
   list.append(item);
-  seen.observe(item);
+  for (const each of [nearby, inView]) each.observe(item);
 }
 
 function fill(card) {
-  card.item.replaceChildren(...face(card), foot(card));
-}
-
-/** Show the pictures of a card, when it comes into view. */
-async function draw(item) {
-  const { id } = item.dataset;
-  if (!cards.has(id)) return; // the list was loaded again
-  const { object } = cards.get(id);
-  if (!pictures.has(id)) {
-    const fetches = [fetchPicture(object, SIDE), object.links.photo && fetchPhoto(object)];
-    const [picture, photo] = await Promise.all(fetches);
-    pictures.set(id, { picture, photo });
-  }
-  const { picture, photo } = pictures.get(id);
-  item.querySelector("img").src = picture;
-  if (photo) item.querySelector(".photo").src = photo;
-  item.querySelector(".photo").hidden = !photo;
-}
-
-function nameOf(object) {
-  return object.label ?? `${text(object.kind)} ${object.id.slice(0, 6)}`;
-}
-
-/** Build pictures, letter and name; pictures and name open the object. The picture is no button: Firefox drags none. */
-function face({ object }) {
-  const picture = Object.assign(new Image(SIDE, SIDE), { alt: "", draggable: false });
-  const photo = Object.assign(new Image(), { alt: "", className: "photo", draggable: false, hidden: true });
-  const letter = document.createElement("b");
-  letter.className = "letter";
-  const button = buttonOf("open", nameOf(object));
-  for (const each of [picture, photo, button]) each.addEventListener("click", () => actions.open(object));
-  return [picture, photo, letter, button];
-}
-
-function foot(card) {
   const { object } = card;
-  const row = document.createElement("p");
-  if (canMix(object)) {
-    const mix = buttonOf("mix", text("mix"), text("mixNamed", { name: nameOf(object) }));
-    mix.setAttribute("aria-pressed", "false");
-    mix.addEventListener("click", () => choose(object.id));
-    row.append(mix);
-  }
-  const remove = buttonOf("delete", text("delete"), text("deleteNamed", { name: nameOf(object) }));
-  remove.addEventListener("click", () => removeCard(card));
-  row.append(remove);
-  return row;
+  fillCard(card, {
+    open: () => actions.open(card.object),
+    mix: () => choose(object.id),
+    remove: () => removeCard(card),
+  });
+  mark(card);
+  offer(card);
 }
 
-function buttonOf(name, content, label = content) {
-  const button = document.createElement("button");
-  Object.assign(button, { type: "button", className: name, textContent: content, ariaLabel: label });
-  return button;
+/** Empty a card, unless it has the focus. */
+function empty(card) {
+  if (!card.item.contains(document.activeElement)) emptyCard(card);
+}
+
+/** Fill the cards beside one, so that the Tab key never comes to an empty one. */
+function fillBeside(item) {
+  for (const each of [item?.previousElementSibling, item?.nextElementSibling]) {
+    const card = cards.get(each?.dataset.id);
+    if (card && !isFilled(card)) fill(card);
+  }
+}
+
+function mark({ object: { id }, item }) {
+  item.classList.toggle("shown", id in marks);
+  const letter = item.querySelector(".letter");
+  if (letter) letter.textContent = marks[id] ?? "";
 }
 
 /** Take a card away, and delete its object if that is not undone. */
 function removeCard({ object, item }) {
   const next = item.nextElementSibling ?? item.previousElementSibling;
   const place = item.nextSibling;
+  fillBeside(item);
+  if (picked === object.id) pick(null);
   item.remove();
   next?.querySelector(".open").focus();
   const back = () => {
@@ -186,28 +175,25 @@ function compose(first, second) {
   actions.compose(cards.get(first).object, cards.get(second).object);
 }
 
-/** Whether an object can be part of a mix: it is no mix itself, and its function is applied more than once. */
-function canMix({ word, spec }) {
-  return !word && spec.k > 1;
-}
-
-/** Whether two objects can be mixed: they have functions of the same kind, from the same model. */
+/** Return whether two objects can be mixed: they have functions of the same kind, from the same model. */
 function isPair(first, second) {
   const kindOf = ({ model, spec }) => JSON.stringify([model, spec]);
   return first.id !== second.id && kindOf(first) === kindOf(second);
 }
 
-/** Offer only objects that can be mixed with the picked one. */
+/** Pick the first object of a mix, or none (null). */
 function pick(id) {
   picked = id;
-  const first = cards.get(id)?.object;
-  for (const [each, { item, object }] of cards) {
-    const button = item.querySelector(".mix");
-    if (!button) continue;
-    button.setAttribute("aria-pressed", String(each === id));
-    button.disabled = id !== null && each !== id && !isPair(first, object);
-  }
+  cards.forEach(offer);
   hint.textContent = text(id === null ? "hint" : "hintPicked");
+}
+
+/** Offer to mix an object if it is the picked one, or can be mixed with that. */
+function offer({ object, item }) {
+  const button = item.querySelector(".mix");
+  if (!button) return;
+  button.setAttribute("aria-pressed", String(object.id === picked));
+  button.disabled = picked !== null && object.id !== picked && !isPair(cards.get(picked).object, object);
 }
 
 function acceptDrags({ object, item }) {

@@ -1,0 +1,127 @@
+"""The page in Chromium with 1,200 objects in its gallery: requests, elements, keys and names."""
+
+import asyncio
+import re
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import pytest
+from playwright.sync_api import Browser, Page, expect
+
+from service.settings import SHIPPED_MODEL, Settings
+from tests.support.browsing import PICTURES, TIMEOUT_MS
+from tests.support.server import running
+from tests.support.small.store import open_store, pair_of
+
+OBJECTS = 1200
+PAGES = 20  # of 60 objects
+MOST_FILLED = 160  # cards that have more than a name
+MOST_PICTURES = 250  # that are fetched on a fast way down
+FRAME_S = 0.15  # of script, style and layout for each frame, on a busy machine
+NODES = 12_000  # of the whole page
+
+TO_THE_END = """async (objects) => {
+    const frames = [];
+    const list = document.querySelector("#gallery ul");
+    let last = performance.now();
+    for (let rounds = 0; rounds < 2000; rounds++) {
+        scrollBy(0, 600);
+        await new Promise(requestAnimationFrame);
+        frames.push(performance.now() - last);
+        last = performance.now();
+        const { scrollTop, clientHeight, scrollHeight } = document.documentElement;
+        if (list.children.length === objects && scrollTop + clientHeight >= scrollHeight - 2) break;
+    }
+    return frames;
+}"""
+
+
+@pytest.fixture(scope="module")
+def full_address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Run a service with 1,200 objects, named after their numbers."""
+    url = f"sqlite:///{tmp_path_factory.mktemp('full') / 'hof.db'}"
+
+    async def fill() -> None:
+        pairs = [pair_of(number) for number in range(OBJECTS)]
+        named = [
+            (replace(record, label=f"Object {number}", has_photo=False), functions)
+            for number, (record, functions) in enumerate(pairs)
+        ]
+        async with open_store(url) as store:
+            await store.put_all(named)
+
+    with ThreadPoolExecutor(1) as thread:  # Playwright has the loop of this one
+        thread.submit(lambda: asyncio.run(fill())).result()
+    with running(Settings(model=(SHIPPED_MODEL,), database_url=url, matting_model=None, threads=1)) as server:
+        yield f"http://127.0.0.1:{server.port}"
+
+
+@pytest.fixture
+def full_page(browser: Browser, full_address: str) -> Iterator[Page]:
+    """Open the page of a full gallery."""
+    with browser.new_context(viewport={"width": 1280, "height": 900}, reduced_motion="reduce") as context:
+        page = context.new_page()
+        page.set_default_timeout(TIMEOUT_MS)
+        page.goto(f"{full_address}/")
+        expect(page.locator("#gallery li").first).to_be_attached(timeout=TIMEOUT_MS)
+        yield page
+
+
+def test_gallery_of_many_is_fetched_while_one_scrolls_and_stays_small(full_page: Page) -> None:
+    page = full_page
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    tools = page.context.new_cdp_session(page)
+    tools.send("Performance.enable")
+
+    def measure() -> dict[str, float]:
+        return {each["name"]: each["value"] for each in tools.send("Performance.getMetrics")["metrics"]}
+
+    items = page.locator("#gallery li")
+    assert items.count() < OBJECTS / 4  # nobody has scrolled
+    before = measure()
+    frames = page.evaluate(TO_THE_END, OBJECTS)
+    after = measure()
+    spent = sum(after[name] - before[name] for name in ("ScriptDuration", "LayoutDuration", "RecalcStyleDuration"))
+    assert spent < FRAME_S * len(frames)
+    assert after["Nodes"] < NODES
+    expect(items).to_have_count(OBJECTS)
+    assert sum("/objects?" in url for url in asked) < PAGES
+    expect(page.get_by_role("button", name="Object 0", exact=True)).to_be_in_viewport()
+    expect(items.last.locator("img").first).to_have_attribute("src", re.compile("^blob:"))
+    assert sum("/picture?" in url for url in asked) < MOST_PICTURES
+    assert page.locator("#gallery .open").count() < MOST_FILLED
+    assert page.locator("#gallery *").count() < OBJECTS + 9 * MOST_FILLED
+    expect(page.get_by_role("button", name="Show more")).to_be_hidden()
+    page.screenshot(path=PICTURES / "gallery-full.png")
+
+
+def test_gallery_of_many_by_keyboard_reaches_the_next_cards_and_pages(full_page: Page) -> None:
+    page = full_page
+    page.locator("#gallery .open").first.focus()
+    names = []
+    for _ in range(240):  # 80 cards of three buttons, more than a page has
+        name = page.evaluate("document.activeElement.ariaLabel ?? document.activeElement.textContent")
+        if not name.startswith(("Mix", "Delete")):
+            names.append(name)
+        page.keyboard.press("Tab")
+    assert names == [f"Object {OBJECTS - 1 - number}" for number in range(80)]
+    page.keyboard.press("Shift+Tab")
+    assert page.evaluate("document.activeElement.ariaLabel") == f"Delete Object {OBJECTS - 80}"
+
+
+def test_gallery_card_out_of_view_has_its_name_for_screen_readers(full_page: Page) -> None:
+    page = full_page
+    page.evaluate("async () => scrollTo(0, document.documentElement.scrollHeight)")
+    expect(page.locator("#gallery li")).not_to_have_count(60)
+    page.evaluate(TO_THE_END, OBJECTS)
+    first = page.get_by_role("listitem").filter(has_text=f"Object {OBJECTS - 1}")
+    expect(first).to_have_text(f"Object {OBJECTS - 1}")
+    expect(first.get_by_role("button")).to_have_count(0)
+    first.scroll_into_view_if_needed()
+    expect(first.get_by_role("button")).to_have_count(3)
+    first.get_by_role("button", name=f"Delete Object {OBJECTS - 1}").click()
+    expect(page.locator("#gallery li").first.locator(".open")).to_be_focused()
+    page.get_by_role("button", name="Undo").click()
+    expect(first).to_be_visible()
