@@ -20,6 +20,8 @@ export interface paths {
          *     The id is a digest of the image's bytes, its framing, and the models. A repeat answers 200 with the same object
          *     and costs no inference; a recent photo is not even decoded. Of its label and its photo, a repeat adds what the
          *     object lacks, and changes nothing.
+         *
+         *     Several images, views of one object from different sides, make one object: its theta is the mean of theirs.
          */
         post: operations["encode_encode_post"];
         delete?: never;
@@ -754,6 +756,11 @@ export interface components {
             camera?: components["schemas"]["Camera"];
             links: components["schemas"]["Links"];
             /**
+             * Images
+             * @description of several images of one object: the report on each, in their order; `image` is that on the first
+             */
+            images?: components["schemas"]["ImageReport"][];
+            /**
              * Weights
              * @description theta: base64 of its float32 numbers, little-endian
              */
@@ -801,6 +808,11 @@ export interface components {
             ];
             frame: components["schemas"]["Box"];
             image: components["schemas"]["ImageReport"];
+            /**
+             * Images
+             * @description of several images of one object: the report on each, in their order; `image` is that on the first
+             */
+            images?: components["schemas"]["ImageReport"][];
             /**
              * Shape Confidence
              * @description how well the shape is expected to fit: the F-score at 2% of the longest side against the true object, estimated by the model. Not the mask's confidence, which is `image.confidence`. Absent unless the object was encoded by a model that estimates it
@@ -1451,15 +1463,12 @@ export interface operations {
             path?: never;
             cookie?: never;
         };
-        /** @description The image: raw, or as the field `image` of a form, which may have a `label`, too. Its type is detected from its content. */
+        /** @description The image: raw, or as the field `image` of a form, which may have a `label`, too. A form may have up to 8 images of one object, together no larger than one may be. Types are detected from the content. */
         requestBody: {
             content: {
                 "multipart/form-data": {
-                    /**
-                     * Format: binary
-                     * @description PNG, JPEG, WebP or AVIF; HEIC if the service has the extra `heic`
-                     */
-                    image: string;
+                    /** @description PNG, JPEG, WebP or AVIF; HEIC if the service has the extra `heic`. Repeat the field for several images of one object */
+                    image: string[];
                     /** @description name of the object, one line; kept unless the object has one already */
                     label?: string;
                 };
@@ -1471,7 +1480,7 @@ export interface operations {
             };
         };
         responses: {
-            /** @description The object that the same image gave before; or, with `store=false`, the weights */
+            /** @description The object that the same images gave before; or, with `store=false`, the weights */
             200: {
                 headers: {
                     [name: string]: unknown;
@@ -3467,7 +3476,7 @@ export interface operations {
                  */
                 frame?: "object" | "raw" | "camera";
                 /**
-                 * @description `auto` writes the vertices' colors if the object has them and the format holds them: `glb`, `gltf`, `obj`, `ply`; `none` leaves them out
+                 * @description `auto` writes the vertices' colors if the object has them and the format holds them: `glb`, `gltf`, `obj`, `ply`, `usdz`; `none` leaves them out
                  * @example auto
                  */
                 color?: "auto" | "none";
@@ -3475,7 +3484,7 @@ export interface operations {
                  * @description file format; wins over `Accept`; GLB if neither names one
                  * @example glb
                  */
-                format?: "glb" | "gltf" | "obj" | "stl" | "ply";
+                format?: "glb" | "gltf" | "obj" | "stl" | "ply" | "usdz";
             };
             header?: never;
             path: {
@@ -3506,6 +3515,7 @@ export interface operations {
                     "model/obj": string;
                     "model/stl": string;
                     "model/ply": string;
+                    "model/vnd.usdz+zip": string;
                 };
             };
             /** @description `If-None-Match` names this very answer */
