@@ -2,6 +2,7 @@
 import { fetchFile, filePath } from "../api.js";
 import { showCurl } from "../curl.js";
 import { attempt } from "../problem.js";
+import { hideAr, showAr, startAr } from "./ar.js";
 
 const form = document.getElementById("download");
 const format = document.getElementById("format");
@@ -12,6 +13,7 @@ let chosen; // returns {object, points: {n, seed}, inColor}
 /** Set up the menu; `shown` returns the object and its options: {object, points: {n, seed}, inColor}. */
 export function startDownloads(shown) {
   chosen = shown;
+  startAr(shown);
   format.addEventListener("change", showDownloads);
   form.addEventListener("submit", (event) => {
     event.preventDefault();
@@ -22,6 +24,7 @@ export function startDownloads(shown) {
 /** Offer the files of the object that is shown now. */
 export function showDownloads() {
   form.hidden = false;
+  showAr();
   const { path, suffix } = chosenFile();
   showCurl(line, `-o object.${suffix}`, path);
 }
@@ -29,6 +32,7 @@ export function showDownloads() {
 /** Offer nothing. */
 export function hideDownloads() {
   form.hidden = line.hidden = true;
+  hideAr();
 }
 
 /** Choose the first format of a group: `mesh`, `points` or `weights`. */
