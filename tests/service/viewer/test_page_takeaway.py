@@ -84,9 +84,9 @@ def test_ar_on_android_opens_scene_viewer_with_the_surface(browser: Browser, add
 
 
 def test_ar_on_an_iphone_opens_quick_look_with_usdz(browser: Browser, address: str) -> None:
-    with phone(browser, address, address, QUICK_LOOK) as page:
-        with page.expect_response(re.compile("format=usdz")) as answer:
-            link = followed(page)
+    usdz = re.compile("format=usdz")
+    with phone(browser, address, address, QUICK_LOOK) as page, page.expect_response(usdz) as answer:
+        link = followed(page)
     assert (link["rel"], link["children"]) == ("ar", ["IMG"])
     assert link["href"].startswith("blob:")
     assert "def Mesh" in check_valid(httpx.get(answer.value.url).content)
