@@ -68,7 +68,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser.parse_args(argv)
     operations: int = arguments.operations
     kills: int = operations // OPERATIONS_PER_KILL if arguments.kills is None else arguments.kills
-    run = provenance(arguments.seed)
+    run, busy = provenance(arguments.seed), os.getloadavg()[0]
     targets: list[Target] = []
     with running_postgres(DURABLE) as postgres:
         results = {
@@ -85,7 +85,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         ]
     page = (
         f"# Replicas: {operations:,} operations on each of two databases, amid {kills} kills\n\n"
-        f"Written by `make replicas`. {run['machine']}; {run['date']}, seed {run['seed']}, commit {run['commit']}.\n\n"
+        f"Written by `make replicas`. {run['machine']}; {run['date']}, seed {run['seed']}, commit {run['commit']}. "
+        f"Load average before the start: {busy:.1f}.\n\n"
         f"{targets_table(targets)}\n\n{_kills(results)}\n\n{_throughput(rates)}\n"
     )
     (arguments.output / "REPLICAS.md").write_text(page, encoding="utf-8")
