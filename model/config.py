@@ -9,12 +9,14 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, Final, Literal, TypeVar
 
 from service.encoding.framing import Framing
-from service.mapping.spec import HOF_1, MappingSpec
+from service.mapping.spec import HOF_1, Domain, MappingSpec
 
-Method = Literal["hof", "deepsdf", "foldingnet", "direct"]
-Trunk = Literal["dense", "lite0"]
+Method = Literal["hof", "deepsdf", "foldingnet", "direct", "atlasnet_sphere", "atlasnet_25"]
+Trunk = Literal["dense", "lite0", "resnet18"]
 Device = Literal["auto", "cpu", "cuda"]
 Part = TypeVar("Part")
+
+METHOD_DOMAINS: Final[dict[str, Domain]] = {"foldingnet": "cube", "atlasnet_25": "cube", "atlasnet_sphere": "sphere"}
 
 
 def option(
@@ -45,7 +47,7 @@ class EncoderConfig:
         (1024, 1024, 1024), "widths of the fully connected layers after the trunk", least=1
     )
     rank: int = option(256, "width of the bottleneck before theta; 0 is the paper's full rank, a 50 MB file", least=0)
-    trunk: Trunk = option("dense", "paper's DenseNet, or EfficientNet-Lite0 trained on ImageNet")  # noqa: RUF009 - a field
+    trunk: Trunk = option("dense", "paper's DenseNet, its ResNet18, or EfficientNet-Lite0 trained on ImageNet")  # noqa: RUF009 - a field
     frozen: int = option(3, "first blocks of Lite0 that are not trained", least=0)
     joined_maps: int = option(96, "maps that Lite0's last maps are reduced to", least=1)
     fine_maps: int = option(0, "maps that Lite0's maps of half the stride are reduced to; 0: not used", least=0)

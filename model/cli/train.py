@@ -13,6 +13,7 @@ from model.config import (
     DENSE,
     LITE0,
     LITE0_SIZE,
+    METHOD_DOMAINS,
     PAPER_EPOCHS,
     PAPER_SCHEDULE,
     ColorConfig,
@@ -138,7 +139,10 @@ def _add_mapping(group: argparse._ArgumentGroup) -> None:
         help=f"times that the function is applied; default: {default.k}",
     )
     group.add_argument(
-        "--domain", choices=DOMAIN_DIMS, help=f"canonical domain; default: {default.domain}, for foldingnet cube"
+        "--domain",
+        choices=DOMAIN_DIMS,
+        help=f"canonical domain; default: {default.domain}, for foldingnet and atlasnet_25 cube, for atlasnet_sphere "
+        "sphere",
     )
 
 
@@ -153,7 +157,7 @@ def _config(arguments: argparse.Namespace) -> TrainConfig:
     encoder = values(arguments, EncoderConfig)
     base = PAPER_SCHEDULE if arguments.schedule == "paper" else TrainConfig()
     dense = (base.encoder, Framing().size)
-    trunk, size = {"dense": dense, "lite0": (LITE0, LITE0_SIZE)}[encoder.get("trunk", DENSE.trunk)]
+    trunk, size = (LITE0, LITE0_SIZE) if encoder.get("trunk") == "lite0" else dense
     size = arguments.size or size
     if size % SIZE_STEP:
         raise ValueError(f"--size is {size}, it must be a multiple of {SIZE_STEP} pixels")
@@ -173,8 +177,7 @@ def _config(arguments: argparse.Namespace) -> TrainConfig:
 def _spec(arguments: argparse.Namespace) -> MappingSpec:
     """Return the mapping function that the flags of `train` describe."""
     shape = MAPPINGS[arguments.mapping]
-    is_foldingnet = getattr(arguments, "method", None) == "foldingnet"
-    domain: Domain = arguments.domain or ("cube" if is_foldingnet else shape.domain)
+    domain: Domain = arguments.domain or METHOD_DOMAINS.get(getattr(arguments, "method", "hof"), shape.domain)
     return replace(
         shape,
         name="-".join(["MLP", *map(str, arguments.hidden)]) if arguments.hidden else shape.name,

@@ -20,6 +20,8 @@ COMPARED: Final = {
     "deepsdf": replace(COMPARED_RUN, method="deepsdf", spec=HOF_1),
     "foldingnet": replace(COMPARED_RUN, method="foldingnet", spec=replace(HOF_1, domain="cube")),
     "direct": replace(COMPARED_RUN, method="direct", spec=HOF_1),
+    "atlasnet-sphere": replace(COMPARED_RUN, method="atlasnet_sphere", spec=replace(HOF_1, domain="sphere")),
+    "atlasnet-25": replace(COMPARED_RUN, method="atlasnet_25", spec=replace(HOF_1, domain="cube")),
 }
 
 

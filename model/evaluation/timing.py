@@ -12,6 +12,7 @@ from torch import Tensor, nn
 
 from model.evaluation.evaluate import PREDICTED_POINTS, draw
 from model.evaluation.records import Decoder
+from model.networks.atlasnet import AtlasNet
 from model.networks.decoders import Hof
 from model.training.checkpoints import load_network, predictor
 from service.encoding.encoder import Encoder
@@ -70,9 +71,7 @@ def network_decoder(checkpoint: Path) -> Decoder:
         torch.set_num_threads(threads)
     if isinstance(network, Hof):
         return Decoder(config.spec.size, len(config.spec.hidden) + 1, ms)
-    linears = [
-        module
-        for name, module in network.named_modules()
-        if isinstance(module, nn.Linear) and not name.startswith(("trunk", "code"))
-    ]
-    return Decoder(sum(p.numel() for module in linears for p in module.parameters()), len(linears), ms)
+    own = [(name, part) for name, part in network.named_modules() if not name.startswith(("trunk", "code"))]
+    layers = sum(isinstance(part, nn.Linear) for _, part in own)
+    size = sum(p.numel() for name, p in network.named_parameters() if not name.startswith(("trunk", "code")))
+    return Decoder(size, network.depth if isinstance(network, AtlasNet) else layers, ms)

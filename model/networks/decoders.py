@@ -1,11 +1,11 @@
-"""The compared methods: HOF, and three decoders behind the same trunk.
+"""The compared methods: HOF, and other decoders behind the same trunk; AtlasNet is in `model.networks.atlasnet`.
 
 Each is a module: images (b, 3, s, s) in [0, 1] and canonical points (b, n, d) -> points (b, n, 3). The
 latent vector concatenation (LVC) decoders have the paper's sizes: DeepSDF 1,578,241 parameters, FoldingNet
 1,056,775. Their fourth output is in the paper's counts and unused.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Final
 
@@ -13,7 +13,8 @@ import torch
 import torch.nn.functional as nnf
 from torch import Tensor, nn
 
-from model.config import TrainConfig
+from model.config import METHOD_DOMAINS, TrainConfig
+from model.networks.atlasnet import AtlasNet
 from model.networks.encoder import ImageEncoder, ImageTrunk
 from model.networks.mapping import power
 from model.networks.precision import trunk_precision
@@ -28,13 +29,20 @@ def make_network(config: TrainConfig) -> nn.Module:
 
     Raises
     ------
-    ValueError : foldingnet without the domain `cube`.
+    ValueError : foldingnet or AtlasNet without the canonical domain that it needs.
     """
-    if config.method == "foldingnet" and config.spec.domain != "cube":
-        raise ValueError(f"foldingnet takes its 2D grid from the domain 'cube', the spec has {config.spec.domain!r}")
-    kinds = {"hof": Hof, "deepsdf": DeepSdf, "foldingnet": FoldingNet, "direct": Direct}
-    network: nn.Module = kinds[config.method](config)
-    return network
+    domain = METHOD_DOMAINS.get(config.method, config.spec.domain)
+    if config.spec.domain != domain:
+        raise ValueError(f"{config.method} takes its points from the domain {domain!r}, not {config.spec.domain!r}")
+    kinds: dict[str, Callable[[TrainConfig], nn.Module]] = {
+        "hof": Hof,
+        "deepsdf": DeepSdf,
+        "foldingnet": FoldingNet,
+        "direct": Direct,
+        "atlasnet_sphere": AtlasNet,
+        "atlasnet_25": AtlasNet,
+    }
+    return kinds[config.method](config)
 
 
 class Lvc(nn.Module):

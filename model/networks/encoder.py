@@ -1,7 +1,7 @@
 """The image encoder g_phi: an image becomes theta (paper, eq. 1; appendix: baseline encoder).
 
 Top to bottom: the image encoder and its last layer; the trunk in front of them, which the compared methods share;
-the trunk's convolutions, the paper's DenseNet or a pretrained EfficientNet-Lite0 (`model.networks.lite0`).
+the trunk's convolutions, the paper's DenseNet or ResNet18, or a pretrained EfficientNet-Lite0.
 `model.networks.mapping` turns theta into points.
 """
 
@@ -15,6 +15,7 @@ from model.config import EncoderConfig
 from model.networks import lite0
 from model.networks.lite0 import Lite0
 from model.networks.precision import trunk_precision
+from model.networks.resnet18 import ResNetMaps
 from service.mapping.spec import MappingSpec, initial_theta
 
 HEAD_SCALE: Final = 0.2  # of theta_0: how far objects differ at the start; exactly zero stalls
@@ -30,7 +31,11 @@ class ImageTrunk(nn.Module):
 
     def __init__(self, config: EncoderConfig, size: int) -> None:
         super().__init__()
-        self.features = DenseMaps(config) if config.trunk == "dense" else LiteMaps(config)
+        self.features: DenseMaps | LiteMaps | ResNetMaps
+        if config.trunk == "resnet18":
+            self.features = ResNetMaps()
+        else:
+            self.features = DenseMaps(config) if config.trunk == "dense" else LiteMaps(config)
         width = self.features.maps * (size // self.features.stride) ** 2
         dense: list[nn.Module] = []
         for n_out in config.fully_connected:

@@ -7,6 +7,7 @@ import torch
 from torch import Tensor, nn
 
 from model.networks.encoder import DenseMaps, LiteMaps
+from model.networks.resnet18 import ResNetMaps
 from model.training.average import ema_decay
 from model.training.device.draws import Draws, seed_step
 from model.training.losses import training_loss
@@ -129,7 +130,7 @@ class Steps:
 def _compile_convolutions(network: nn.Module) -> None:
     """Compile the trunk's convolutions in place: biases and activations then join the kernels around them."""
     for module in network.modules():
-        if isinstance(module, (DenseMaps, LiteMaps)):
+        if isinstance(module, (DenseMaps, LiteMaps, ResNetMaps)):
             module.compile()
 
 

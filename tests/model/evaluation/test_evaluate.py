@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from model import cli
-from model.config import Method, TrainConfig
+from model.config import METHOD_DOMAINS, Method, TrainConfig
 from model.evaluation.comparison import CEILING, ceiling_record, encoder_record, references
 from model.evaluation.conditions import CONDITIONS
 from model.evaluation.evaluate import cases, measure, measure_objects, predict
@@ -88,12 +88,17 @@ def test_ceiling_record_is_far_better_than_an_untrained_encoder(
 
 @pytest.mark.parametrize(
     ("method", "parameters", "layers"),
-    [("hof", 16 * 3 + 16 + 3 * 16 + 3, 2), ("deepsdf", 1_578_241, 8), ("foldingnet", 1_056_775, 6)],
+    [
+        ("hof", 16 * 3 + 16 + 3 * 16 + 3, 2),
+        ("deepsdf", 1_578_241, 8),
+        ("foldingnet", 1_056_775, 6),
+        ("atlasnet_sphere", 1_719_067, 4),
+    ],
 )
 def test_command_evaluate_run_writes_its_record(
     method: Method, parameters: int, layers: int, data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    spec = MappingSpec("small", 3, (16,), 3, k=2, domain="cube")
+    spec = MappingSpec("small", 3, (16,), 3, k=2, domain=METHOD_DOMAINS.get(method, "cube"))
     small = small_network.ENCODER
     RunState(TrainConfig(spec=spec, method=method, encoder=small, framing=Framing(32), seed=5)).save(tmp_path, 0.0)
     command = ["evaluate", "--run", str(tmp_path), "--data", str(data), "--split", "test"]

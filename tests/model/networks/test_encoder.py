@@ -9,6 +9,7 @@ import torch
 from model.config import EncoderConfig
 from model.networks.encoder import HEAD_SCALE, ImageEncoder
 from model.networks.mapping import power
+from model.networks.resnet18 import ResNetMaps
 from service import mapping
 from service.mapping.canonical import canonical_points
 from service.mapping.spec import HOF_1, HOF_3, MappingSpec
@@ -21,6 +22,14 @@ SPECS = [
     MappingSpec("sphere", 3, (64, 16), 3, "relu", 1, "sphere"),
     MappingSpec("four", 4, (64,), 3, "relu", 1, "ball4"),
 ]
+
+
+def test_resnet18_has_its_parameters_and_halves_the_side_five_times() -> None:
+    maps = ResNetMaps()
+    assert sum(parameter.numel() for parameter in maps.parameters()) == 11_176_512
+    assert maps.eval()(torch.rand(1, 3, 64, 64)).shape == (1, 512, 2, 2)
+    config = EncoderConfig(trunk="resnet18", fully_connected=(16,), rank=0)
+    assert ImageEncoder(HOF_1, config, 64)(torch.rand(2, 3, 64, 64)).shape == (2, 7_171)
 
 
 @pytest.mark.parametrize("spec", SPECS, ids=lambda spec: f"{spec.name}-k{spec.k}")

@@ -4,13 +4,14 @@ import json
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
 import torch
 
 from model import cli
-from model.config import TrainConfig
+from model.config import METHOD_DOMAINS, Method, TrainConfig
 from model.data.dataset import draw_batch, load_examples
 from model.evaluation.compared import COMPARED
 from model.evaluation.records import Record
@@ -100,10 +101,12 @@ def test_train_of_a_finished_run_changes_nothing(run: Path, built: Path) -> None
     assert (run / "last.pt").read_bytes() == before
 
 
-@pytest.mark.parametrize("method", ["hof", "deepsdf", "foldingnet", "direct"])
-def test_train_with_the_late_loss_gives_a_predictor_of_every_method(method: str, built: Path, tmp_path: Path) -> None:
-    domain = "cube" if method == "foldingnet" else "ball"
-    config = replace(RUN, method=method, spec=replace(RUN.spec, domain=domain), steps=3, late_from=0.0)  # type: ignore[arg-type]
+@pytest.mark.parametrize("method", get_args(Method))
+def test_train_with_the_late_loss_gives_a_predictor_of_every_method(
+    method: Method, built: Path, tmp_path: Path
+) -> None:
+    domain = METHOD_DOMAINS.get(method, "ball")
+    config = replace(RUN, method=method, spec=replace(RUN.spec, domain=domain), steps=3, late_from=0.0)
     checkpoint = train(built, tmp_path, replace(config, late_points=64, late_target_points=80))
     assert records(tmp_path)[-1]["step"] == 3
     predict = predictor(*load_network(checkpoint)[:2])

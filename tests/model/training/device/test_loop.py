@@ -6,13 +6,14 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
 import torch
 
 from model import cli
-from model.config import DeviceOptions, TrainConfig
+from model.config import METHOD_DOMAINS, DeviceOptions, Method, TrainConfig
 from model.data.manifest import Manifest
 from model.data.packed.options import PackOptions
 from model.data.packed.pack import pack
@@ -120,10 +121,10 @@ def test_run_that_is_interrupted_goes_on_and_ends_after_its_images(options: Devi
     assert not (tmp_path / "last.pt").exists()
 
 
-@pytest.mark.parametrize("method", ["deepsdf", "foldingnet", "direct"])
-def test_compared_methods_train_on_the_device(method: str, options: DeviceOptions, tmp_path: Path) -> None:
-    domain = "cube" if method == "foldingnet" else "ball"
-    config = replace(CONFIG, method=method, spec=replace(CONFIG.spec, domain=domain), steps=2)  # type: ignore[arg-type]
+@pytest.mark.parametrize("method", [method for method in get_args(Method) if method != "hof"])
+def test_compared_methods_train_on_the_device(method: Method, options: DeviceOptions, tmp_path: Path) -> None:
+    domain = METHOD_DOMAINS.get(method, "ball")
+    config = replace(CONFIG, method=method, spec=replace(CONFIG.spec, domain=domain), steps=2)
     network, _, run = load_network(train_on_device(Path("none"), tmp_path, config, options))
     assert run["step"] == 2
     assert all(torch.isfinite(weight).all() for weight in network.parameters())
