@@ -13,6 +13,8 @@ from service.mapping.spec import HOF_1, Domain, MappingSpec
 
 Method = Literal["hof", "deepsdf", "foldingnet", "direct", "atlasnet_sphere", "atlasnet_25"]
 Trunk = Literal["dense", "lite0", "resnet18"]
+Predicted = Literal["all", "first_layer", "biases", "first_bias"]
+ProjectionForm = Literal["travel", "nearest"]
 Device = Literal["auto", "cpu", "cuda"]
 Part = TypeVar("Part")
 
@@ -51,6 +53,9 @@ class EncoderConfig:
     frozen: int = option(3, "first blocks of Lite0 that are not trained", least=0)
     joined_maps: int = option(96, "maps that Lite0's last maps are reduced to", least=1)
     fine_maps: int = option(0, "maps that Lite0's maps of half the stride are reduced to; 0: not used", least=0)
+    predicted: Predicted = option(  # noqa: RUF009 - a field
+        "all", "part of theta that depends on the image; the rest is learned, and the same for all images"
+    )
 
 
 DENSE: Final = EncoderConfig()
@@ -79,6 +84,9 @@ class TrainConfig:
     weight_decay: float = option(1e-2, "AdamW's weight decay", least=0)
     gradient_clip: float = option(1.0, "largest norm of the gradients", above=0)
     projection: float = option(0.0, "lambda of the projection regularization (paper, eq. 6)", least=0)
+    projection_form: ProjectionForm = option(  # noqa: RUF009 - a field
+        "travel", "what it penalizes: how far points travel, or end from the true point nearest to their start"
+    )
     minutes: float = option(64.0, "budget in minutes; the learning rate falls to 0 over the budget", above=0)
     steps: int | None = option(None, "budget in steps, instead of minutes", least=1)
     images: int | None = option(None, "budget in images, instead of minutes", least=1)
@@ -176,10 +184,9 @@ class DeviceOptions:
 
 
 ON_CPU: Final = DeviceOptions(device="cpu")
-PAPER_ENCODER: Final = EncoderConfig(rank=0)
 PAPER_EPOCHS: Final = 4
 PAPER_SCHEDULE: Final = TrainConfig(  # paper, appendix: Implementation Details; its budget depends on the data
-    encoder=PAPER_ENCODER,
+    encoder=EncoderConfig(rank=0),
     batch=1,
     points=1_000,
     target_points=10_000,

@@ -8,6 +8,7 @@ from model.cli.common import ROOT, SHIPPED, add_data, add_seed
 from model.cli.data import add_source, records_of
 from model.cli.fit import STEPS
 from model.cli.flags import number
+from model.cli.suites import add_suites
 from model.data.manifest import SPLITS
 
 FIT: Final = "fit"
@@ -43,6 +44,7 @@ def add_stage(stages: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     views = experiments.add_parser(VIEWS, help="several views of one object, aggregated into one shape")
     views.set_defaults(run=_views)
     _add_measured(views)
+    add_suites(experiments)
 
 
 def _add_fit(stage: argparse.ArgumentParser) -> None:

@@ -24,6 +24,7 @@ from model.config import (
 from service.encoding.framing import Framing
 from service.mapping.spec import DOMAIN_DIMS, HOF_1, HOF_3, MAX_K, MAX_WIDTH, Activation, Domain, MappingSpec
 
+BUDGETS: Final = {"steps", "images", "minutes"}
 RETRAIN_FLAGS: Final = ("seed", "steps")
 PLACE_FLAGS: Final = ("device", "packed", "workers")
 MAPPINGS: Final = {"HOF-1": HOF_1, "HOF-3": HOF_3}
@@ -68,6 +69,11 @@ def _add_train(stage: argparse.ArgumentParser) -> None:
     add_schedule(stage)
     add_flags(stage.add_argument_group("device"), DeviceOptions())
     _add_mapping(stage.add_argument_group("mapping function"))
+    add_network(stage)
+
+
+def add_network(stage: argparse.ArgumentParser) -> None:
+    """Add the flags of the image encoder and of the framing of images."""
     widths = " ".join(map(str, LITE0.fully_connected))
     add_flags(
         stage.add_argument_group(
@@ -147,31 +153,30 @@ def _add_mapping(group: argparse._ArgumentGroup) -> None:
 
 
 def _config(arguments: argparse.Namespace) -> TrainConfig:
-    """Return the config that the flags of `train` describe.
+    """Return the config that the flags of `train` describe. Raises as `config_from`, and InvalidSpec."""
+    return replace(config_from(arguments, TrainConfig()), spec=_spec(arguments))
+
+
+def config_from(arguments: argparse.Namespace, base: TrainConfig) -> TrainConfig:
+    """Return `base`, or the paper's schedule, with what the flags change; the spec stays.
 
     Raises
     ------
+    FileNotFoundError : the paper's schedule needs to know the data set, and there is none.
     ValueError : `--size` is no multiple of SIZE_STEP.
-    InvalidSpec : the flags of the mapping function contradict each other.
     """
-    encoder = values(arguments, EncoderConfig)
-    base = PAPER_SCHEDULE if arguments.schedule == "paper" else TrainConfig()
-    dense = (base.encoder, Framing().size)
-    trunk, size = (LITE0, LITE0_SIZE) if encoder.get("trunk") == "lite0" else dense
+    encoder, options = values(arguments, EncoderConfig), values(arguments, TrainConfig)
+    base = PAPER_SCHEDULE if arguments.schedule == "paper" else base
+    trunk, size = (LITE0, LITE0_SIZE) if encoder.get("trunk") == "lite0" else (base.encoder, Framing().size)
     size = arguments.size or size
     if size % SIZE_STEP:
         raise ValueError(f"--size is {size}, it must be a multiple of {SIZE_STEP} pixels")
-    config = replace(
-        base,
-        spec=_spec(arguments),
-        encoder=replace(trunk, **encoder),
-        framing=Framing(size, arguments.foreground_ratio),
-        **values(arguments, TrainConfig),
-    )
-    if arguments.schedule == "paper" and not {"steps", "images", "minutes"} & vars(arguments).keys():
-        packed = values(arguments, DeviceOptions).get("packed")
-        return replace(config, images=paper_images(arguments.data, packed))
-    return config
+    if options.keys() & BUDGETS:  # a budget replaces that of the base
+        options = dict.fromkeys(("steps", "images")) | options
+    elif arguments.schedule == "paper":
+        options["images"] = paper_images(arguments.data, values(arguments, DeviceOptions).get("packed"))
+    framing = Framing(size, arguments.foreground_ratio)
+    return replace(base, encoder=replace(trunk, **encoder), framing=framing, **options)
 
 
 def _spec(arguments: argparse.Namespace) -> MappingSpec:

@@ -7,11 +7,13 @@ the trunk's convolutions, the paper's DenseNet or ResNet18, or a pretrained Effi
 
 from typing import Final
 
+import numpy as np
+import numpy.typing as npt
 import torch
 import torch.nn.functional as nnf
 from torch import Tensor, nn
 
-from model.config import EncoderConfig
+from model.config import EncoderConfig, Predicted
 from model.networks import lite0
 from model.networks.lite0 import Lite0
 from model.networks.precision import trunk_precision
@@ -68,7 +70,7 @@ class ImageEncoder(ImageTrunk):
 
     def __init__(self, spec: MappingSpec, config: EncoderConfig, size: int) -> None:
         super().__init__(config, size)
-        self.head = ThetaHead(spec, self.width)
+        self.head = ThetaHead(spec, self.width, config.predicted)
 
     def forward(self, image: Tensor) -> Tensor:
         """Return theta: (b, 3, size, size) in [0, 1] -> (b, spec.size)."""
@@ -81,12 +83,15 @@ class ThetaHead(nn.Module):
 
     The scale lets one step of Adam move every layer of f by the same share of its size. Without it the first
     steps blow f up, since the 1,024 hidden units of HOF-1 move together.
+
+    Of the numbers outside the `predicted` part only b is learned: they are the same for all images.
     """
 
     theta_0: Tensor
     scale: Tensor
+    mask: Tensor
 
-    def __init__(self, spec: MappingSpec, width: int) -> None:
+    def __init__(self, spec: MappingSpec, width: int, predicted: Predicted = "all") -> None:
         super().__init__()
         self.linear = nn.Linear(width, spec.size)
         nn.init.normal_(self.linear.weight, 0, HEAD_SCALE / width**0.5)
@@ -99,11 +104,26 @@ class ThetaHead(nn.Module):
             start = end
         self.register_buffer("theta_0", theta_0)
         self.register_buffer("scale", spread)
+        self.is_partial = predicted != "all"
+        self.register_buffer("mask", torch.from_numpy(predicted_mask(spec, predicted)), persistent=False)
 
     def forward(self, x: Tensor) -> Tensor:
         """Return theta: (b, width) -> (b, spec.size)."""
+        if self.is_partial:
+            return self.theta_0 + self.scale * (self.mask * nnf.linear(x, self.linear.weight) + self.linear.bias)
         theta: Tensor = self.theta_0 + self.scale * self.linear(x)
         return theta
+
+
+def predicted_mask(spec: MappingSpec, predicted: Predicted) -> npt.NDArray[np.float32]:
+    """Return 1 for each number of theta in the predicted part, else 0: (spec.size,)."""
+    parts = []
+    for layer, (n_out, n_in) in enumerate(spec.shapes):
+        is_first = layer == 0
+        weights = predicted == "all" or (predicted == "first_layer" and is_first)
+        biases = is_first or predicted in ("all", "biases")
+        parts += [np.full(n_out * n_in, weights), np.full(n_out, biases)]
+    return np.concatenate(parts).astype(np.float32)
 
 
 class DenseMaps(nn.Sequential):

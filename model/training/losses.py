@@ -24,7 +24,8 @@ def training_loss(config: TrainConfig, predicted: Tensor, canonical: Tensor, tru
     """
     loss = LATE_SCALE * late_chamfer(predicted, true) if config.is_late(progress) else chamfer(predicted, true)
     if config.projection:
-        loss = loss + config.projection * projection(predicted, canonical)
+        regularize = projection if config.projection_form == "travel" else nearest_projection
+        loss = loss + config.projection * regularize(predicted, canonical, true)
     return loss
 
 
@@ -54,9 +55,14 @@ def late_chamfer(predicted: Tensor, true: Tensor) -> Tensor:
     return loss
 
 
-def projection(predicted: Tensor, canonical: Tensor) -> Tensor:
+def projection(predicted: Tensor, canonical: Tensor, _: Tensor | None = None) -> Tensor:
     """Return the mean squared distance that points travel (paper, eq. 6): (b, n, 3) both -> scalar."""
     return (predicted - canonical).square().sum(-1).mean()
+
+
+def nearest_projection(predicted: Tensor, canonical: Tensor, true: Tensor) -> Tensor:
+    """Return the mean squared distance to the true point nearest to a canonical one, the paper's stricter form."""
+    return (predicted - gather(true, nearest_index(canonical, true))).square().sum(-1).mean()
 
 
 def _squared_distances(queries: Tensor, targets: Tensor) -> Tensor:

@@ -47,11 +47,7 @@ class RunState:
     @property
     def progress(self) -> float:
         """Share of the run's budget that is spent."""
-        if self.config.steps is not None:
-            return self.step / self.config.steps
-        if self.config.images is not None:
-            return self.step * self.config.batch / self.config.images
-        return self.elapsed_s / (60 * self.config.minutes)
+        return share_spent(self.config, self.step, self.elapsed_s)
 
     @classmethod
     def begin(cls, config: TrainConfig, device: torch.device = CPU, imagenet: Path | None = None) -> "RunState":
@@ -126,6 +122,15 @@ def open_run(run: Path, config: TrainConfig, device: torch.device = CPU, imagene
     if has_checkpoint(run / "last.pt"):
         return RunState.resume(run, config, device)
     return RunState.begin(config, device, imagenet)
+
+
+def share_spent(config: TrainConfig, step: int, elapsed_s: float) -> float:
+    """Return the share of a run's budget that is spent after so many steps and seconds."""
+    if config.steps is not None:
+        return step / config.steps
+    if config.images is not None:
+        return step * config.batch / config.images
+    return elapsed_s / (60 * config.minutes)
 
 
 def score(figures: dict[str, float]) -> float:

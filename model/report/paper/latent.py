@@ -30,5 +30,5 @@ divided by its largest coordinate.
 
 {table(["function, precision", "largest difference", "median difference"], rows)}
 
-The paper's claim that LVC is a special case of a mapping function: {verdict}. What more of theta than these biases buys
-is not measured yet: it needs training."""
+The paper's claim that LVC is a special case of a mapping function: {verdict}. `hof-model paper parts`
+measures what more of theta than these biases buys."""

@@ -1,6 +1,7 @@
 """Assemble PAPER.md from the records of experiments."""
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -9,13 +10,20 @@ from model.evaluation.paper.compression import EXPERIMENT as FIT
 from model.evaluation.paper.latent import EXPERIMENT as LATENT
 from model.evaluation.paper.navigation import EXPERIMENT as PATHS
 from model.evaluation.paper.record import PaperRecord
+from model.evaluation.paper.suites import SUITES
 from model.evaluation.paper.views import EXPERIMENT as VIEWS
-from model.report.paper import compression, latent, navigation, views
+from model.report.paper import compression, latent, navigation, trained, views
 from service.files import whole_file
 
 PAGE: Final = "PAPER.md"
 SECTIONS: Final[Mapping[str, Callable[[PaperRecord], str]]] = {  # by experiment, in order
+    "table1": partial(trained.section, SUITES["table1"]),
+    "architecture": partial(trained.section, SUITES["architecture"]),
+    "domains": partial(trained.section, SUITES["domains"]),
+    "powers": partial(trained.section, SUITES["powers"]),
+    "projection": partial(trained.section, SUITES["projection"]),
     LATENT: latent.section,
+    "parts": partial(trained.section, SUITES["parts"]),
     PATHS: navigation.section,
     VIEWS: views.section,
     FIT: compression.section,

@@ -50,10 +50,11 @@ def test_train_without_flags_has_the_defaults_of_its_config() -> None:
 
 def test_train_with_every_flag_sets_every_field() -> None:
     switches = ["--variants", "--made", "--no-augmented", "--constant-rate"]
-    flags = [*as_flags(ALL_FLAGS), *switches, "--method", "direct"]
+    flags = [*as_flags(ALL_FLAGS), *switches, "--method", "direct", "--projection-form", "nearest"]
     config = config_of(*flags)
     switched: dict[str, Any] = {"variants": True, "made": True, "augmented": False, "constant_rate": True}
-    assert config == replace(TrainConfig(), **ALL_FLAGS, **switched, method="direct")
+    switched |= {"method": "direct", "projection_form": "nearest"}
+    assert config == replace(TrainConfig(), **ALL_FLAGS, **switched)
     same = {
         each.name for each in fields(TrainConfig) if getattr(config, each.name) == getattr(TrainConfig(), each.name)
     }

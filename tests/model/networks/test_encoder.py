@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from model.config import EncoderConfig
-from model.networks.encoder import HEAD_SCALE, ImageEncoder
+from model.config import EncoderConfig, Predicted
+from model.networks.encoder import HEAD_SCALE, ImageEncoder, predicted_mask
 from model.networks.mapping import power
 from model.networks.resnet18 import ResNetMaps
 from service import mapping
@@ -30,6 +30,21 @@ def test_resnet18_has_its_parameters_and_halves_the_side_five_times() -> None:
     assert maps.eval()(torch.rand(1, 3, 64, 64)).shape == (1, 512, 2, 2)
     config = EncoderConfig(trunk="resnet18", fully_connected=(16,), rank=0)
     assert ImageEncoder(HOF_1, config, 64)(torch.rand(2, 3, 64, 64)).shape == (2, 7_171)
+
+
+@pytest.mark.parametrize(
+    ("predicted", "count"), [("first_bias", 16), ("biases", 16 + 3), ("first_layer", 4 * 16), ("all", 4 * 16 + 17 * 3)]
+)
+def test_theta_outside_the_predicted_part_is_the_same_for_all_images(predicted: Predicted, count: int) -> None:
+    spec = MappingSpec("small", 3, (16,), 3)
+    assert predicted_mask(spec, predicted).sum() == count
+    encoder = ImageEncoder(spec, EncoderConfig((4, 4, 4), 1, (8,), 0, predicted=predicted), 32)
+    thetas = encoder(torch.rand(2, 3, 32, 32))
+    differs = (thetas[0] != thetas[1]).numpy()
+    assert differs.sum() == count
+    assert (differs == predicted_mask(spec, predicted)).all()
+    thetas.sum().backward()
+    assert encoder.head.linear.bias.grad.all()  # type: ignore[union-attr]
 
 
 @pytest.mark.parametrize("spec", SPECS, ids=lambda spec: f"{spec.name}-k{spec.k}")

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from model.networks.ops.nearest import nearest_index
-from model.training.losses import BACKWARD, F_WEIGHT, SATURATION, chamfer, late_chamfer, projection
+from model.training.losses import BACKWARD, F_WEIGHT, SATURATION, chamfer, late_chamfer, nearest_projection, projection
 
 
 def test_chamfer_is_the_sum_of_both_squared_directions() -> None:
@@ -68,3 +68,10 @@ def test_late_chamfer_pulls_a_near_point_more_than_a_far_one() -> None:
     near, far = predicted.grad[0, :, 0].tolist()
     assert near > 3 * far
     assert far == pytest.approx(0.5, rel=1e-3)  # far away, nothing but the unsquared distance is left
+
+
+def test_nearest_projection_is_the_distance_to_the_true_point_nearest_to_the_start() -> None:
+    canonical = torch.tensor([[[0.0, 0, 0], [1, 0, 0]]])
+    true = torch.tensor([[[0.2, 0, 0], [3.0, 0, 0]]])
+    predicted = torch.tensor([[[0.2, 0, 0], [0.2, 1, 0]]])
+    assert float(nearest_projection(predicted, canonical, true)) == pytest.approx(0.5)  # 0 and 1

@@ -4,7 +4,6 @@ import json
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 import pytest
@@ -101,7 +100,7 @@ def test_train_of_a_finished_run_changes_nothing(run: Path, built: Path) -> None
     assert (run / "last.pt").read_bytes() == before
 
 
-@pytest.mark.parametrize("method", get_args(Method))
+@pytest.mark.parametrize("method", ["hof", "deepsdf", "foldingnet", "direct", "atlasnet_sphere"])
 def test_train_with_the_late_loss_gives_a_predictor_of_every_method(
     method: Method, built: Path, tmp_path: Path
 ) -> None:

@@ -1,0 +1,112 @@
+"""Measure the trained variants of a suite on a split: one figure per object, means over its views and the seeds."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from model.data.manifest import Entry, Manifest, Split
+from model.data.shapenet.convert import DENSE
+from model.evaluation.classes import class_of
+from model.evaluation.conditions import png
+from model.evaluation.evaluate import PREDICTED_POINTS, chosen_views, in_threads
+from model.evaluation.paper.record import PaperRecord, Trial, rounded
+from model.evaluation.paper.suites import CD, TRAVEL
+from model.evaluation.timing import network_decoder
+from model.metrics import compare
+from model.networks.decoders import Hof
+from model.networks.encoder import predicted_mask
+from model.provenance import provenance
+from model.training.checkpoints import chosen_checkpoint, load_network, predictor
+from service.encoding.framing import preprocess
+from service.mapping.canonical import canonical_points
+
+CURVE: Final = "f@1%"  # of validation, in the log
+
+Floats = npt.NDArray[np.float32]
+Values = npt.NDArray[np.float64]
+
+
+def measure_suite(
+    experiment: str, runs: Mapping[tuple[str, int], Path], data: Path, split: Split = "test", every_view: bool = False
+) -> PaperRecord:
+    """Measure finished runs, by variant and seed.
+
+    Parameters
+    ----------
+    every_view : measure all views against all true points, as EPCG's protocol does.
+
+    Raises
+    ------
+    FileNotFoundError : no data set, or a run without a checkpoint.
+    """
+    entries = list(Manifest.read(data).of(split))
+    names, seeds = list(dict.fromkeys(name for name, _ in runs)), sorted({seed for _, seed in runs})
+    trials, about = [], {}
+    for name in names:
+        columns = [_figures(runs[name, seed], name, data, entries, every_view, seed) for seed in seeds]
+        figures = {figure: rounded(np.mean([column[figure] for column in columns], axis=0)) for figure in columns[0]}
+        trials.append(Trial(name, figures))
+        about[name] = _about(runs[name, seeds[0]])
+    setting = {
+        "split": split,
+        "objects": len(entries),
+        "points": PREDICTED_POINTS,
+        "every_view": every_view,
+        "seeds": seeds,
+        "variants": about,
+    }
+    ids, classes = [entry.id for entry in entries], [class_of(entry) for entry in entries]
+    return PaperRecord(experiment, setting, provenance(seeds[0]), ids, classes, trials)
+
+
+def _figures(
+    run: Path, name: str, data: Path, entries: Sequence[Entry], every_view: bool, seed: int
+) -> dict[str, Values]:
+    """Return each figure of a run, (objects,)."""
+    network, config, _ = load_network(chosen_checkpoint(run))
+    predict, domain = predictor(network, config), config.spec.domain
+    start = canonical_points(domain, PREDICTED_POINTS, seed)
+
+    def figures(entry: Entry) -> dict[str, float]:
+        with np.load(data / entry.file) as arrays:
+            views, true = arrays["views"], arrays["points"]
+            true = arrays.get(DENSE, true) if every_view else true
+        rows = []
+        for view in views if every_view else chosen_views(views):
+            points = predict(preprocess(png(view), config.framing).tensor, PREDICTED_POINTS, seed)[0]
+            row = compare(points, true)
+            row[CD] = (row["cd_forward"] + row["cd_backward"]) / 2
+            if config.method == "hof" and start.shape[1] == points.shape[1]:
+                row[TRAVEL] = float(np.linalg.norm(points - start, axis=1).mean())
+            rows.append(row)
+        return {figure: float(np.mean([row[figure] for row in rows])) for figure in rows[0]}
+
+    rows = in_threads(figures, entries, f"{name}, seed {seed}")
+    return {figure: np.array([row[figure] for row in rows]) for figure in rows[0]}
+
+
+def _about(run: Path) -> dict[str, Any]:
+    """Return what the page says about a run: its size, steps, images, the end of its curve."""
+    checkpoint = chosen_checkpoint(run)
+    network, config, state = load_network(checkpoint)
+    decoder = network_decoder(checkpoint)
+    predicted = 0
+    if isinstance(network, Hof):
+        predicted = int(predicted_mask(config.spec, config.encoder.predicted).sum())
+    records = [json.loads(line) for line in (run / "log.jsonl").read_text(encoding="utf-8").splitlines()]
+    curve = [[record["step"], round(record[CURVE], 4)] for record in records if CURVE in record]
+    return {
+        "parameters": decoder.parameters,
+        "predicted": predicted,
+        "layers": decoder.layers,
+        "ms": decoder.ms,
+        "steps": records[-1]["step"] if records else state["step"],
+        "batch": config.batch,
+        "minutes": round(state["elapsed_s"] / 60, 1),
+        "trunk": config.encoder.trunk,
+        "curve": curve,
+    }

@@ -1,0 +1,128 @@
+"""Experiments that train: variants that differ as they should, runs that resume, records, verdicts."""
+
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from model import cli
+from model.config import COMPARED_RUN, DeviceOptions
+from model.data.manifest import Manifest
+from model.data.packed.options import PackOptions
+from model.data.packed.pack import pack
+from model.evaluation.paper.record import PaperRecord, Trial
+from model.evaluation.paper.suites import SUITES, Claim
+from model.evaluation.paper.training import configs, is_finished, run_folder, train_suite
+from model.networks.decoders import make_network
+from model.report.paper.trained import section, verdict
+from tests.support.small import data as small_data
+from tests.support.small.network import ENCODER
+
+SMALL = replace(COMPARED_RUN, encoder=ENCODER, variants=False, late_from=1.0, batch=4, points=64, target_points=80)
+FLAGS = ["--feature-maps", "4", "4", "4", "--convolutions", "1", "--fully-connected", "16", "--rank", "8"]
+SIZES = ["--no-variants", "--late-from", "1", "--batch", "4", "--points", "32", "--target-points", "40"]
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Six objects to train on, one to validate, two to test."""
+    folder = small_data.write(tmp_path_factory.mktemp("suite") / "data", train=7, test=2)
+    first, *others = Manifest.read(folder).entries
+    Manifest(0, (replace(first, split="val"), *others), {}, {}).write(folder / "manifest.json")
+    return folder
+
+
+@pytest.mark.parametrize("name", list(SUITES))
+def test_variants_of_a_suite_are_different_networks_of_one_setting(name: str) -> None:
+    suite = SUITES[name]
+    made = configs(suite, SMALL, seed=3)
+    assert len({str(config.to_dict()) for config in made.values()}) == len(made)
+    shared = {each.name for each in fields(SMALL)} - {"spec", "method", "encoder", "seed"}
+    shared -= {"projection", "projection_form"} if name == "projection" else set()
+    for config in made.values():
+        assert config.seed == 3
+        assert all(getattr(config, each) == getattr(SMALL, each) for each in shared)
+    for claim in suite.claims:
+        assert {claim.one, claim.other} <= made.keys()
+    assert suite.paper.keys() <= made.keys()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["architecture", "domains", "projection", "parts"])
+def test_every_variant_of_a_suite_makes_a_network(name: str) -> None:
+    for config in configs(SUITES[name], SMALL, seed=0).values():
+        assert make_network(config).train()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["domains", "projection"])
+def test_command_trains_measures_and_writes_the_page(name: str, data: Path, tmp_path: Path) -> None:
+    command = ["paper", name, "--data", str(data), "--runs", str(tmp_path / "runs"), "-o", str(tmp_path)]
+    command += ["--steps", "2", "--device", "cpu", *FLAGS, *SIZES]
+    assert cli.main(command) == 0
+    record = PaperRecord.read(tmp_path / "model" / "results" / "paper" / f"{name}.json")
+    assert [trial.method for trial in record.trials] == list(SUITES[name].variants)
+    for trial in record.trials:
+        assert np.isfinite(trial.column("cd")).all()
+        assert ("travel" in trial.figures) == (trial.method != "4D ball")
+    assert {about["steps"] for about in record.setting["variants"].values()} == {2}
+    text = (tmp_path / "PAPER.md").read_text()
+    assert f"## {SUITES[name].title}" in text
+    assert "2 steps of 4 images" in text
+    before = {path: path.stat().st_mtime_ns for path in (tmp_path / "runs").rglob("last.pt")}
+    assert cli.main(command) == 0  # finished runs are not trained again
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "runs").rglob("last.pt")} == before
+
+
+@pytest.mark.slow
+def test_suite_from_shards_stops_in_time_and_goes_on(data: Path, tmp_path: Path) -> None:
+    packed, runs = tmp_path / "packed", tmp_path / "runs"
+    pack([data], packed, PackOptions(SMALL.framing, variants=False, made=False), processes=1)
+    options = DeviceOptions(device="cpu", packed=str(packed), workers=1)
+    common = replace(SMALL, steps=3)
+    arguments = ("projection", SUITES["projection"], common, [0], Path("none"), runs)
+    assert train_suite(*arguments, replace(options, stop_after=1e-4)) is None
+    first = next(iter(configs(SUITES["projection"], common, 0).values()))
+    assert not is_finished(run_folder(runs, "projection", "none", 0), first)
+    folders = train_suite(*arguments, options)
+    assert folders is not None
+    assert list(folders) == [("none", 0), ("travel", 0), ("nearest", 0)]
+    with pytest.raises(ValueError, match="with other options"):
+        train_suite(*arguments[:2], replace(common, batch=2), *arguments[3:], options)
+
+
+def _record(**columns: list[float]) -> PaperRecord:
+    names = ("cd_forward", "cd_backward", "cd", "f@1%", "f@2%", "f@5%")
+    trials = [Trial(name, {key: list(values) for key in names}) for name, values in columns.items()]
+    about = {"parameters": 9, "predicted": 9, "layers": 2, "ms": 1.0, "steps": 100, "batch": 4, "trunk": "dense"}
+    variants = {name: {**about, "curve": [[50, 0.1], [80, 0.2], [100, 0.25]]} for name in columns}
+    setting = {"split": "test", "objects": 4, "points": 10_000, "every_view": False, "seeds": [0], "variants": variants}
+    origin = {"machine": "x", "date": "y", "commit": "z", "seed": 0}
+    return PaperRecord("parts", setting, origin, list("abcd"), ["chair"] * 4, trials)
+
+
+@pytest.mark.parametrize(
+    ("one", "kind", "expected"),
+    [
+        ([0.9, 0.91, 0.9, 0.89], "lower", "holds, -0.1"),
+        ([1.2, 1.21, 1.2, 1.19], "lower", "does not hold, +0.2"),
+        ([0.5, 1.5, 0.6, 1.4], "lower", "undecided"),
+        ([1.01, 1.0, 1.02, 1.0], "close", "holds, +0.0"),
+        ([1.2, 1.21, 1.2, 1.19], "close", "does not hold, it is worse"),
+        ([0.7, 0.71, 0.7, 0.69], "close", "better than that"),
+        ([0.5, 1.5, 0.6, 1.4], "close", "undecided"),
+    ],
+)
+def test_verdict_follows_the_interval_of_the_paired_difference(one: list[float], kind: str, expected: str) -> None:
+    record = _record(a=one, b=[1.0, 1.0, 1.0, 1.0])
+    assert verdict(record, Claim("", "a", "b", kind)).startswith(expected)  # type: ignore[arg-type]
+
+
+def test_section_shows_setting_parameters_curves_and_claims() -> None:
+    names = list(SUITES["parts"].variants)
+    record = _record(**{name: [1.0 - 0.1 * index] * 4 for index, name in enumerate(names)})
+    text = section(SUITES["parts"], record)
+    assert "100 steps of 4 images" in text
+    assert "all of theta +0.0500" in text
+    assert text.count("holds") == len(SUITES["parts"].claims)
