@@ -42,7 +42,7 @@ class Patch(nn.Module):
 def _normalized(norm: nn.Module, x: Tensor) -> Tensor:
     """Normalize each feature over all points of the batch: (b, n, f) -> (b, n, f), after ReLU."""
     flat: Tensor = norm(x.flatten(0, 1)).relu()
-    return flat.unflatten(0, x.shape[:2])
+    return flat.reshape(x.shape)  # (b, n, f)
 
 
 class AtlasNet(nn.Module):

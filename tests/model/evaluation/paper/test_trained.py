@@ -81,15 +81,16 @@ def test_suite_from_shards_stops_in_time_and_goes_on(data: Path, tmp_path: Path)
     pack([data], packed, PackOptions(SMALL.framing, variants=False, made=False), processes=1)
     options = DeviceOptions(device="cpu", packed=str(packed), workers=1)
     common = replace(SMALL, steps=3)
-    arguments = ("projection", SUITES["projection"], common, [0], Path("none"), runs)
-    assert train_suite(*arguments, replace(options, stop_after=1e-4)) is None
-    first = next(iter(configs(SUITES["projection"], common, 0).values()))
+    suite = SUITES["projection"]
+    short = replace(options, stop_after=1e-4)
+    assert train_suite("projection", suite, common, [0], Path("none"), runs, short) is None
+    first = next(iter(configs(suite, common, 0).values()))
     assert not is_finished(run_folder(runs, "projection", "none", 0), first)
-    folders = train_suite(*arguments, options)
+    folders = train_suite("projection", suite, common, [0], Path("none"), runs, options)
     assert folders is not None
     assert list(folders) == [("none", 0), ("travel", 0), ("nearest", 0)]
     with pytest.raises(ValueError, match="with other options"):
-        train_suite(*arguments[:2], replace(common, batch=2), *arguments[3:], options)
+        train_suite("projection", suite, replace(common, batch=2), [0], Path("none"), runs, options)
 
 
 def _record(**columns: list[float]) -> PaperRecord:
