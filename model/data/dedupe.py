@@ -17,7 +17,7 @@ THRESHOLD: Final = 1.25  # times the distance between two samples of the same su
 def duplicates(clouds: dict[str, Floats], threshold: float = THRESHOLD, first: Collection[str] = ()) -> dict[str, str]:
     """Map each object that repeats an earlier one (by sorted id, those of `first` before others) to the one to keep.
 
-    Those of `first` are known to be different: they are not compared with each other.
+    Those of `first` are protected to be different: they are not compared with each other.
 
     Two objects are the same when the mean nearest distance between their clouds, the worse of both
     directions and the best over quarter turns about +Y and mirror images, is below `threshold` times
@@ -34,9 +34,9 @@ def duplicates(clouds: dict[str, Floats], threshold: float = THRESHOLD, first: C
     boxes = {id_: np.ptp(clouds[id_], axis=0) for id_ in ids}
     kept: list[str] = []
     repeats: dict[str, str] = {}
-    known = set(first)
+    protected = set(first)
     for id_ in ids:
-        for other in [] if id_ in known else kept:
+        for other in [] if id_ in protected else kept:
             limit = threshold * max(floors[id_], floors[other])
             if _same(halves[id_][1], boxes[id_], trees[other], halves[other][0], boxes[other], limit):
                 repeats[id_] = other

@@ -113,7 +113,7 @@ def azimuth_targets(observations: Observations) -> tuple[Tensor, Tensor]:
     An object that is the same after a quarter or half turn has as many azimuths; a round one has none.
     """
     symmetric = observations.symmetric()
-    known = ~np.isnan(observations.cameras[:, 0])
+    has_azimuth = ~np.isnan(observations.cameras[:, 0])
     azimuths = np.nan_to_num(observations.cameras[:, 0])
     centers = np.arange(BINS) * (360 / BINS)
     targets = np.zeros((len(azimuths), BINS))
@@ -122,7 +122,7 @@ def azimuth_targets(observations: Observations) -> tuple[Tensor, Tensor]:
         away = np.radians(azimuths[:, None] + turn - centers)
         targets += counts[:, None] * np.exp(KERNEL * (np.cos(away) - 1))
     targets /= targets.sum(axis=1, keepdims=True)
-    counts = known & ~symmetric.all(axis=1)
+    counts = has_azimuth & ~symmetric.all(axis=1)
     return torch.from_numpy(targets.astype(np.float32)), torch.from_numpy(counts.astype(np.float32))
 
 

@@ -23,7 +23,7 @@ LOSS_POINTS: Final = 2048
 
 @dataclass(frozen=True)
 class Loss:
-    """How far points move because weights are stored in fewer bytes: distances, in longest sides of the object.
+    """Distances that points move because weights are stored in fewer bytes, in longest sides of the object.
 
     mean, largest : over `LOSS_POINTS` canonical points.
     """

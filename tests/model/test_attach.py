@@ -81,11 +81,11 @@ def test_commands_heads_and_estimates_train_and_measure(
 ) -> None:
     data = small_data.write(tmp_path / "data", train=2, test=3)
     others = small_data.write(tmp_path / "others", train=0, test=4)
-    output, seen = tmp_path / "with.onnx", tmp_path / "seen.npz"
+    output, observations = tmp_path / "with.onnx", tmp_path / "seen.npz"
     command = ["heads", "--model", str(plain), "--data", str(data), "--others", str(others), "-o", str(output)]
-    flags = ["--observations", str(seen), "--views", "4", "--epochs", "1", "--members", "2"]
+    flags = ["--observations", str(observations), "--views", "4", "--epochs", "1", "--members", "2"]
     assert cli.main([*command, *flags]) == 0
-    assert seen.exists()
+    assert observations.exists()
     assert f"{output}: " in capsys.readouterr().out
     assert "Shape confidence and camera" in output.with_suffix(".md").read_text()
     assert Encoder.open(output, 1).card["estimates"]["objects"] == 6

@@ -72,7 +72,7 @@ class View(NamedTuple):
 
 
 class _Seen(NamedTuple):
-    """What one object's images gave: inner tensors, scores (v,), cameras (v, 4)."""
+    """Results of one object's images: inner tensors, scores (v,), cameras (v, 4)."""
 
     inner: Tensors
     scores: Floats
@@ -93,16 +93,16 @@ def observe(model: Path, objects: Sequence[KnownObject], views: int, seed: int) 
     observer = _Observer(model, objects[0].folder, views, seed)
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         work = threads.map(observer.of_object, objects)
-        seen = list(tqdm(work, total=len(objects), desc="observe", unit="object", disable=None))
+        results = list(tqdm(work, total=len(objects), desc="observe", unit="object", disable=None))
         turned = list(threads.map(lambda each: turned_distances(each.points()), objects))
-    numbers = [np.full(len(each.scores), number) for number, each in enumerate(seen)]
+    numbers = [np.full(len(each.scores), number) for number, each in enumerate(results)]
     strange = observer.strange([each for each in objects if each.entry.split != "train"], sum(map(len, numbers)))
     numbers.append(np.full(len(strange.scores), -1))
-    seen = [each for each in [*seen, strange] if len(each.scores)]
+    results = [each for each in [*results, strange] if len(each.scores)]
     return Observations(
-        {name: np.concatenate([each.inner[name].astype(np.float16) for each in seen]) for name in seen[0].inner},
-        np.concatenate([each.scores for each in seen]),
-        np.concatenate([each.cameras for each in seen]),
+        {name: np.concatenate([each.inner[name].astype(np.float16) for each in results]) for name in results[0].inner},
+        np.concatenate([each.scores for each in results]),
+        np.concatenate([each.cameras for each in results]),
         np.concatenate(numbers),
         np.array([each.entry.id for each in objects]),
         np.array([each.entry.source for each in objects]),

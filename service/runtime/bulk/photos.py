@@ -18,7 +18,7 @@ from service.storage.transfer.table import Item
 
 @dataclass(frozen=True)
 class Setup:
-    """What a worker process needs to encode photos.
+    """Settings of a worker process that encodes photos.
 
     foreground_ratio : None for the model's.
     max_bytes, max_pixels : largest photo.

@@ -69,9 +69,9 @@ def test_train_heads_twice_gives_the_same_weights() -> None:
 
 
 def test_train_heads_without_scores_is_refused() -> None:
-    known = replace(_observations(), scores=np.full(OBJECTS * VIEWS, np.nan, np.float32))
+    unscored = replace(_observations(), scores=np.full(OBJECTS * VIEWS, np.nan, np.float32))
     with pytest.raises(ValueError, match="nothing to learn from: no object that the encoder was not trained on"):
-        train_heads(known, CONFIG)
+        train_heads(unscored, CONFIG)
 
 
 def test_azimuth_targets_of_a_symmetric_object_have_as_many_hills() -> None:

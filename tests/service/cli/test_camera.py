@@ -29,9 +29,9 @@ def test_encode_uses_the_camera_that_the_model_estimates(here: Path) -> None:
     command = ["encode", "photo.png", "--model", str(model), "--frame", "camera", "-o"]
     assert main([*command, "seen.npy"]) == 0
     assert main([*command, "near.npy", "--distance", "1.5"]) == 0
-    seen, near = np.load(here / "seen.npy"), np.load(here / "near.npy")
-    assert (seen[:, 2] > 0).all()
-    assert near[:, 2].mean() < seen[:, 2].mean()
+    viewed, near = np.load(here / "seen.npy"), np.load(here / "near.npy")
+    assert (viewed[:, 2] > 0).all()
+    assert near[:, 2].mean() < viewed[:, 2].mean()
 
 
 @pytest.mark.parametrize(

@@ -34,10 +34,10 @@ def _encoded(page: Page, act: Callable[[], object]) -> dict[str, Any]:
     """Act, and return the object that the service made then, once it is shown."""
     with page.expect_response(lambda response: "/encode" in response.url) as answer:
         act()
-    made: dict[str, Any] = answer.value.json()
-    page.wait_for_url(f"**/#/objects/{made['id']}")
+    item: dict[str, Any] = answer.value.json()
+    page.wait_for_url(f"**/#/objects/{item['id']}")
     expect(page.locator("#working")).to_be_hidden()
-    return made
+    return item
 
 
 def _middle(page: Page) -> list[int]:

@@ -65,9 +65,9 @@ def test_make_with_a_mesh_of_the_test_split_leaves_it_out(tmp_path: Path) -> Non
     meshes.mkdir()
     for index in (1, 2):
         solid(index).export(meshes / f"{index}.glb")
-    made = make_from_meshes(folder_records(meshes, "CC0"), tmp_path / "set", VIEWS, processes=1)
-    assert made.duplicates == {"meshes/1": "others/boxes/shape01"}
-    assert [entry.id for entry in made.entries] == ["meshes/2"]
+    manifest = make_from_meshes(folder_records(meshes, "CC0"), tmp_path / "set", VIEWS, processes=1)
+    assert manifest.duplicates == {"meshes/1": "others/boxes/shape01"}
+    assert [entry.id for entry in manifest.entries] == ["meshes/2"]
     assert not (tmp_path / "set" / "made" / "meshes__1.npz").exists()
 
 

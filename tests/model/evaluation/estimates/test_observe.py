@@ -30,18 +30,18 @@ def test_observe_scores_the_objects_that_the_encoder_was_not_trained_on(model: P
     folder = small_data.write(tmp_path / "data", train=2, test=3)
     entries = Manifest.read(folder).entries
     objects = [KnownObject(folder, entry, has_front=entry.id != "object02") for entry in entries]
-    seen, again = (observe(model, objects, views=4, seed=0) for _ in range(2))
-    np.testing.assert_array_equal(seen.inner["code"], again.inner["code"])
-    trained = np.isin(seen.objects, [0, 1])
-    assert np.isnan(seen.scores[trained]).all()
-    assert ((seen.scores[~trained] >= 0) & (seen.scores[~trained] <= 1)).all()
-    assert (np.bincount(seen.objects[seen.objects >= 0]) == 4).all()
-    assert np.isnan(seen.cameras[seen.objects == 2, 0]).all()
-    assert np.isfinite(seen.cameras[seen.objects == 3]).all()
-    strange = seen.objects == -1
+    observations, again = (observe(model, objects, views=4, seed=0) for _ in range(2))
+    np.testing.assert_array_equal(observations.inner["code"], again.inner["code"])
+    trained = np.isin(observations.objects, [0, 1])
+    assert np.isnan(observations.scores[trained]).all()
+    assert ((observations.scores[~trained] >= 0) & (observations.scores[~trained] <= 1)).all()
+    assert (np.bincount(observations.objects[observations.objects >= 0]) == 4).all()
+    assert np.isnan(observations.cameras[observations.objects == 2, 0]).all()
+    assert np.isfinite(observations.cameras[observations.objects == 3]).all()
+    strange = observations.objects == -1
     assert strange.sum() == 2 * round(0.04 * 20)
-    assert (seen.scores[strange] == 0).all()
-    assert np.isnan(seen.cameras[strange]).all()
+    assert (observations.scores[strange] == 0).all()
+    assert np.isnan(observations.cameras[strange]).all()
 
 
 def test_inner_encoder_gives_the_theta_of_the_file(model: Path) -> None:

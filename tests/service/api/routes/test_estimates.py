@@ -84,9 +84,9 @@ def _points(client: httpx.Client, path: str, query: str) -> Array:
 def test_points_in_the_camera_frame_lie_in_the_box_of_the_photo(estimating: httpx.Client, photo: bytes) -> None:
     item = estimating.post("/encode", content=photo).json()
     image = item["image"]
-    seen = _points(estimating, item["links"]["points"], "&frame=camera&fx=500&scale=0.4")
-    assert (seen[:, 2] > 0).all()
-    pixels = seen[:, :2] / seen[:, 2:] * 500 + (image["width"] / 2, image["height"] / 2)
+    viewed = _points(estimating, item["links"]["points"], "&frame=camera&fx=500&scale=0.4")
+    assert (viewed[:, 2] > 0).all()
+    pixels = viewed[:, :2] / viewed[:, 2:] * 500 + (image["width"] / 2, image["height"] / 2)
     low, high = pixels.min(axis=0), pixels.max(axis=0)
     left, top, right, bottom = image["box"]
     assert (low + high) / 2 == pytest.approx([(left + right) / 2, (top + bottom) / 2], abs=1)
@@ -96,22 +96,22 @@ def test_points_in_the_camera_frame_lie_in_the_box_of_the_photo(estimating: http
 def test_points_in_the_camera_frame_are_those_of_the_object_frame_moved(estimating: httpx.Client, photo: bytes) -> None:
     item = estimating.post("/encode", content=photo).json()
     plain = _points(estimating, item["links"]["points"], "")
-    seen = _points(estimating, item["links"]["points"], "&frame=camera")
-    assert np.linalg.norm(seen.mean(axis=0)) == pytest.approx(item["camera"]["distance"], rel=0.2)
-    steps, moved = (np.linalg.norm(np.diff(points, axis=0), axis=1) for points in (plain, seen))
+    viewed = _points(estimating, item["links"]["points"], "&frame=camera")
+    assert np.linalg.norm(viewed.mean(axis=0)) == pytest.approx(item["camera"]["distance"], rel=0.2)
+    steps, moved = (np.linalg.norm(np.diff(points, axis=0), axis=1) for points in (plain, viewed))
     np.testing.assert_allclose(moved, steps, atol=1e-5)
     turned = _points(estimating, item["links"]["points"], "&frame=camera&azimuth=120")
-    assert np.abs(turned - seen).max() > 0.1
+    assert np.abs(turned - viewed).max() > 0.1
 
 
 def test_files_in_the_camera_frame_tell_its_axes(estimating: httpx.Client, photo: bytes) -> None:
     links = estimating.post("/encode", content=photo).json()["links"]
     for path, query in ((links["points"], "n=10&format=ply"), (links["mesh"], "format=ply&resolution=8")):
-        plain, seen = (estimating.get(f"{path}?{query}&frame={frame}") for frame in ("object", "camera"))
+        plain, viewed = (estimating.get(f"{path}?{query}&frame={frame}") for frame in ("object", "camera"))
         assert b"+Y is up" in plain.content
-        assert b"+Y is down, +Z is forward" in seen.content
-        assert int(seen.headers["content-length"]) == len(seen.content)
-        tag = seen.headers["etag"]
+        assert b"+Y is down, +Z is forward" in viewed.content
+        assert int(viewed.headers["content-length"]) == len(viewed.content)
+        tag = viewed.headers["etag"]
         assert tag != plain.headers["etag"]
         assert estimating.get(f"{path}?{query}&frame=camera&roll=10").headers["etag"] != tag
         assert estimating.get(f"{path}?{query}&frame=camera", headers={"If-None-Match": tag}).status_code == 304
@@ -142,6 +142,6 @@ def test_camera_frame_of_an_object_without_a_photo_looks_at_its_center(client: h
     links = client.post("/encode", content=photo).json()["links"]
     imported = client.post("/objects", content=client.get(links["weights"]).content).json()["links"]
     camera = "&frame=camera&azimuth=10&elevation=10&distance=3"
-    seen = _points(client, imported["points"], camera)
-    assert seen.mean(axis=0) == pytest.approx([0, 0, 3], abs=0.3)
+    viewed = _points(client, imported["points"], camera)
+    assert viewed.mean(axis=0) == pytest.approx([0, 0, 3], abs=0.3)
     check_refused(client.get(f"{imported['points']}?{camera[1:]}&fx=500"), "fx", "needs a photo")

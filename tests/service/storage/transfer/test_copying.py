@@ -105,11 +105,11 @@ def test_entries_hold_at_most_so_many_bytes_and_at_least_one(
         async with open_store(database_url) as store:
             for number in range(4):
                 await store.put(*pair_of(number))
-            last, after, found = await store.last_seq(), 0, []
+            last, after, counts = await store.last_seq(), 0, []
             while entries := await store.entries(after, last):
                 after = entries[-1].seq
-                found.append(len(entries))
-            return found
+                counts.append(len(entries))
+            return counts
 
     assert asyncio.run(counts(3 * size)) == [3, 1]
     assert asyncio.run(counts(size - 1)) == [1, 1, 1, 1]
