@@ -117,6 +117,12 @@ export async function compose(body) {
   return (await call("compose", { method: "POST", headers, body })).json();
 }
 
+/** Plan a path around an object; `body`: JSON of start, goal and clearance. Returns {path, length, straight, reason}. */
+export async function planPath(id, body, signal) {
+  const headers = { "Content-Type": "application/json" };
+  return (await call(`objects/${id}/path`, { method: "POST", headers, body, signal })).json();
+}
+
 /** Fetch a file of the service: {blob, name}. */
 export async function fetchFile(path) {
   const answer = await call(path);

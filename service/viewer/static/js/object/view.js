@@ -11,6 +11,7 @@ import { language, number, text } from "../text.js";
 import { hideDownloads, preferFormat, showDownloads, startDownloads } from "./download.js";
 import { hideFunction, showFunction } from "./function.js";
 import { hideMorph, offerMorph, startMorph } from "./morph.js";
+import { hideRobot, showRobot, startRobot } from "./robot.js";
 import { fetchFunctions } from "./weights.js";
 
 const element = (id) => document.getElementById(id);
@@ -37,6 +38,7 @@ export function startView(open) {
     empty.textContent = text("noWebgl");
   }
   startDownloads(chosen);
+  startRobot(stage);
   startMorph({ stage, show: showMorph, back: () => showWords(shownMix) });
   listen();
   showControls();
@@ -80,6 +82,7 @@ export function clearView() {
   hideDownloads();
   hideFunction();
   hideMorph();
+  hideRobot();
   const view = element("view");
   if (view.getBoundingClientRect().top > innerHeight / 2) view.scrollIntoView({ block: "start" });
 }
@@ -145,6 +148,8 @@ function show(objects) {
   if (clouds.length > 1) hideDownloads();
   stage?.set(clouds);
   if (!stage) attempt(() => showStills(objects));
+  if (clouds.length === 1) showRobot(clouds[0]);
+  else hideRobot();
   showControls();
   fill();
 }

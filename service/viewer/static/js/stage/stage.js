@@ -25,6 +25,7 @@ export class Stage {
     this.shown = 0; // points to draw of each cloud
     this.dotSize = 1; // factor
     this.inColor = true;
+    this.onDraw = () => {}; // called after each frame
     this.renderer = new WebGLRenderer({ canvas, alpha: true, antialias: false }); // the target of EyeDome is smoothed
     this.renderer.setClearColor(0x000000, 0);
     this.renderer.autoClear = false;
@@ -93,6 +94,13 @@ export class Stage {
     );
   }
 
+  /** Look as a camera does: {azimuth, elevation}, degrees, and distance from the object's center. */
+  lookFrom({ azimuth, elevation, distance }) {
+    this.turntable.stop();
+    const radius = MathUtils.clamp(distance, this.controls.minDistance, this.controls.maxDistance);
+    this.#look(new Spherical(radius, MathUtils.degToRad(90 - elevation), MathUtils.degToRad(azimuth)));
+  }
+
   /** Draw in the next frame. */
   redraw() {
     this.frame ??= requestAnimationFrame(() => {
@@ -123,6 +131,7 @@ export class Stage {
       this.eyeDome.draw(this.renderer, cell, cloud.scene, this.camera);
     });
     this.eyeDome.end(this.renderer, this.camera);
+    this.onDraw();
   }
 
   /** Make the stage light or dark, as the page is, unless the objects would be lost on it. */
