@@ -1,7 +1,7 @@
 """Estimates of an encoder beside the functions: how well the shape fits, and the camera that took the photo."""
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Final
 
 from service.mapping.spec import Array
@@ -46,13 +46,13 @@ class Estimates:
 
     def rounded(self) -> "Estimates":
         """Return the estimates with the digits that are kept and shown: far more than they are sure of."""
-        azimuth, elevation, distance, roll = asdict(self.camera).values()
+        azimuth, elevation, distance, roll = vars(self.camera).values()
         camera = Camera(round(azimuth, 1), round(elevation, 1), round(distance, 2), round(roll, 1))
         return Estimates(round(self.shape_confidence, 3), camera)
 
     def to_json(self) -> str:
         """Return the estimates as one line of JSON."""
-        return json.dumps(asdict(self), separators=(",", ":"))
+        return json.dumps({**vars(self), CAMERA: vars(self.camera)}, separators=(",", ":"))
 
     @classmethod
     def from_json(cls, text: str) -> "Estimates":

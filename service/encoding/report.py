@@ -1,7 +1,7 @@
 """Report on the separation of an object from its background, as it is kept with the object."""
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 from service.encoding.framing import Box, Framed
 from service.encoding.masks import Mask
@@ -32,7 +32,7 @@ class ImageReport:
 
     def to_json(self) -> str:
         """Return the report as one line of JSON."""
-        return json.dumps(asdict(self), separators=(",", ":"))
+        return json.dumps(vars(self), separators=(",", ":"))
 
     @classmethod
     def from_json(cls, text: str) -> "ImageReport":

@@ -7,6 +7,7 @@ divided by its longest side. The box is of the whole function, so all clouds and
 
 import json
 import math
+import struct
 from dataclasses import dataclass
 from typing import Final
 
@@ -56,7 +57,8 @@ class Frame:
     @property
     def dimensions(self) -> Triple:
         """Width, height and depth in the object frame: the longest is 1."""
-        return _triple([side / self.unit for side in self.sides])
+        unit = self.unit
+        return _triple([side / unit for side in self.sides])
 
     def factor(self, scale: float = 1.0) -> np.float32:
         """Return what centered points are multiplied with so that the longest side is `scale`."""
@@ -69,8 +71,8 @@ class Frame:
     @classmethod
     def from_bytes(cls, data: bytes) -> "Frame":
         """Read the bytes that `to_bytes` returns."""
-        low, high = np.frombuffer(data, "<f4").reshape(2, 3)
-        return cls.of(low, high)
+        numbers = struct.unpack("<6f", data)
+        return cls(numbers[:3], numbers[3:])
 
     def to_json(self) -> str:
         """Return the box as one line of JSON; its numbers restore the same float32."""

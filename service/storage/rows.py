@@ -23,6 +23,7 @@ HEADER: Final = [
 ]
 WHOLE: Final = [*HEADER, objects.c.theta, objects.c.color]
 ALL: Final = [*WHOLE, objects.c.photo]
+INSERT: Final = objects.insert()  # built once: every photo runs it
 BATCH_ROWS: Final = 512
 BATCH_BYTES: Final = 16 * 2**20  # of functions and photos; one object may have more
 
@@ -122,7 +123,7 @@ def _insert(connection: Connection, record: Record, functions: Functions | None,
         "label": record.label,
         "photo": photo,
     }
-    connection.execute(objects.insert(), values)
+    connection.execute(INSERT, values)
     if record.kind == "composed":
         pairs = [{"composed_id": record.id, "member_id": member} for member in set(record.members)]
         connection.execute(uses.insert(), pairs)

@@ -2,7 +2,6 @@
 
 import base64
 from collections.abc import Sequence
-from dataclasses import asdict
 from datetime import datetime
 from typing import Annotated, Any
 
@@ -149,7 +148,7 @@ class EncodedWeights(BaseModel):
             color=Spec.of(functions.color.spec) if functions.color else None,
             bytes=functions.theta.nbytes,
             dimensions=frame.dimensions,
-            frame=Box(**asdict(frame)),
+            frame=Box(**vars(frame)),
             **_image_fields(reports),
             **_estimates_fields(functions.estimates.rounded() if functions.estimates else None),
             **_weights_fields(functions),
@@ -179,7 +178,7 @@ def _object_fields(record: Record, root_path: str | None) -> dict[str, Any]:
         "parents": list(record.members) if record.kind == "interpolated" else None,
         "bytes": 4 * record.spec.size * (record.spec.k if composed else 1),
         "dimensions": record.frame.dimensions if record.frame else None,
-        "frame": Box(**asdict(record.frame)) if record.frame else None,
+        "frame": Box(**vars(record.frame)) if record.frame else None,
         "image": ImageReport.of(record.image) if record.image else None,
         **_estimates_fields(record.estimates),
         "links": Links(
@@ -198,7 +197,7 @@ def _image_fields(reports: Sequence[Report]) -> dict[str, Any]:
 
 
 def _estimates_fields(estimates: Estimates | None) -> dict[str, Any]:
-    return asdict(estimates) if estimates else {}
+    return {**vars(estimates), "camera": vars(estimates.camera)} if estimates else {}
 
 
 def _weights_fields(functions: Functions) -> dict[str, Any]:
