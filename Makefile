@@ -11,6 +11,7 @@ MATTING := .venv/u2net/rembg/u2netp.onnx
 MATTING_SHA256 := 309c8469258dda742793dce0ebea8e6dd393174f89934733ecc8b14c76f4ddd8
 BUNDLE := service/viewer/static/bundle/three/LICENSE
 GLTF := tests/support/gltf/node_modules/.package-lock.json
+PAGE_TOOLS := tests/service/viewer/tools/node_modules/.package-lock.json
 JS := client/js/node_modules/.package-lock.json
 
 .DEFAULT_GOAL := help
@@ -33,7 +34,7 @@ check: lint quick ## lint and the quick tests; needs Python alone
 quick: .venv/dev.stamp ## tests of the tier unit that are not slow; needs Python alone
 	OMP_NUM_THREADS=1 $(BIN)/pytest -n auto --dist worksteal -m 'unit and not slow'
 
-test: .venv/dev.stamp .venv/system.stamp $(BUNDLE) $(GLTF) $(JS) $(MATTING) ## all tests
+test: .venv/dev.stamp .venv/system.stamp $(BUNDLE) $(GLTF) $(PAGE_TOOLS) $(JS) $(MATTING) ## all tests
 	OMP_NUM_THREADS=1 $(BIN)/pytest -n 3 --dist loadfile
 
 lint: .venv/dev.stamp ## style, types, layers of the code, Dockerfile
@@ -86,7 +87,7 @@ LOCK = CUSTOM_COMPILE_COMMAND='make lock' $(BIN)/pip-compile --quiet --generate-
     --no-emit-index-url --no-emit-find-links --no-emit-trusted-host
 
 clean: ## remove what was installed, cached and written; data sets and runs stay
-	rm -rf .venv tests/support/gltf/node_modules service/viewer/node_modules service/viewer/static/bundle
+	rm -rf .venv tests/support/gltf/node_modules tests/service/viewer/tools/node_modules service/viewer/node_modules service/viewer/static/bundle
 	rm -rf client/js/node_modules client/js/dist
 	rm -rf out build *.egg-info client/src/*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	find service model client tests benchmarks demo -name __pycache__ -prune -exec rm -rf {} +
@@ -132,6 +133,6 @@ $(MATTING): | .venv/bin/python
 	echo '$(MATTING_SHA256)  $@' | sha256sum --check --quiet
 	@touch $@
 
-$(GLTF) $(JS): %/node_modules/.package-lock.json: %/package-lock.json .venv/system.stamp
+$(GLTF) $(PAGE_TOOLS) $(JS): %/node_modules/.package-lock.json: %/package-lock.json .venv/system.stamp
 	npm ci --prefix $* --no-audit --no-fund
 	@touch $@
