@@ -17,6 +17,7 @@ PARAMETERS: Final[dict[str, Any]] = {
     "foreground_ratio": 0.85,
     "format": None,  # each call has formats of its own: the first is shown
     "frame": "object",
+    "frames": 1,
     "fx": 620,
     "fy": 620,
     "id": "2f7f3b52a9a1c0de9b1d1c4d5e6f7a8b",

@@ -87,8 +87,9 @@ class MeshQuery(MeshOptions, NoQuery):
 class PictureQuery(PictureOptions, NoQuery):
     """Parameters of `GET /objects/{id}/picture`."""
 
-    format: Literal["png", "webp"] | None = Field(
-        default=None, description="file format; wins over `Accept`; PNG if neither names one"
+    format: Literal["png", "webp", "gif"] | None = Field(
+        default=None,
+        description="file format; wins over `Accept`; PNG if neither names one, WebP if `frames` is above 1",
     )
 
 

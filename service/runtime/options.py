@@ -17,6 +17,8 @@ ShapeFrame = Literal["object", "raw", "camera"]
 PictureView = Literal["three-quarter", "front", "side", "back", "top"]
 
 MAX_SEED: Final = 2**63 - 1
+FRAMES: Final = (1, 36)
+TURNTABLE_SIZE: Final = 320  # largest side of a picture that turns, pixels
 DISTANCES: Final = (0.9, 1000.0)  # longest sides: from just outside any object
 
 Scale = Annotated[
@@ -157,6 +159,13 @@ class PictureOptions(BaseModel):
     view: PictureView = Field(
         default="three-quarter",
         description="direction of the camera: `three-quarter` is from the front, 30 degrees to the right and 22 above",
+    )
+    frames: int = Field(
+        default=1,
+        ge=FRAMES[0],
+        le=FRAMES[1],
+        description="1 is a still picture; with more, the object turns once around, in as many pictures, which "
+        f"`webp` and `gif` hold; `size` is then at most {TURNTABLE_SIZE}",
     )
     color: ColorChoice = Field(
         default="auto", description="`auto` draws colors if the object has them; `none` draws shades of blue"

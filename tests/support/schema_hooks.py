@@ -38,6 +38,8 @@ def before_call(context: schemathesis.HookContext, case: schemathesis.Case[Any],
         _complete_camera(query)
     if case.operation.label == "POST /compose" and (word := _word(case.operation.base_url)):
         case.body = {**case.body, "objects": word}  # type: ignore[dict-item]
+    if case.operation.label == "GET /objects/{id}/picture" and query.get("frames", 1) != 1:
+        query |= {"size": 64, "format": "gif"}
     if query.get("format", "safetensors") != "safetensors":
         query.pop("dtype", None)
     if case.operation.label == "POST /objects/{id}/path":

@@ -197,7 +197,7 @@ export interface paths {
         };
         /**
          * Picture
-         * @description Draw the object: 40,000 of its points over white, in color if the object has colors.
+         * @description Draw the object: 40,000 of its points over white, in color if the object has colors; still, or turning once.
          */
         get: operations["picture_objects__id__picture_get"];
         put?: never;
@@ -3695,15 +3695,20 @@ export interface operations {
                  */
                 view?: "three-quarter" | "front" | "side" | "back" | "top";
                 /**
+                 * @description 1 is a still picture; with more, the object turns once around, in as many pictures, which `webp` and `gif` hold; `size` is then at most 320
+                 * @example 1
+                 */
+                frames?: number;
+                /**
                  * @description `auto` draws colors if the object has them; `none` draws shades of blue
                  * @example auto
                  */
                 color?: "auto" | "none";
                 /**
-                 * @description file format; wins over `Accept`; PNG if neither names one
+                 * @description file format; wins over `Accept`; PNG if neither names one, WebP if `frames` is above 1
                  * @example png
                  */
-                format?: "png" | "webp";
+                format?: "png" | "webp" | "gif";
             };
             header?: never;
             path: {
@@ -3731,6 +3736,7 @@ export interface operations {
                 content: {
                     "image/png": string;
                     "image/webp": string;
+                    "image/gif": string;
                 };
             };
             /** @description `If-None-Match` names this very answer */

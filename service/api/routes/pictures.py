@@ -11,13 +11,10 @@ from service.api.dependencies import ObjectId, ReadyRuntime
 from service.api.queries import NoQuery, PictureQuery
 from service.api.responses.errors import Problem
 from service.api.routes.file_answers import NOT_ACCEPTABLE, FileAnswer, file_responses, format_of
-from service.errors import NotFound
+from service.errors import InvalidParameter, NotFound
 from service.formats.picture import PICTURE_FORMATS, PictureFormat
-from service.mapping.frame import Frame
-from service.mapping.spec import Functions, MappingSpec
 from service.runtime.frames import complete_record
-from service.runtime.options import PictureOptions
-from service.runtime.pictures import picture_cost, picture_of
+from service.runtime.pictures import TURN_MS, check_turntable, draw_frame, picture_cost, scene_of
 
 router = APIRouter(prefix="/objects", tags=["objects"])
 
@@ -30,8 +27,9 @@ router = APIRouter(prefix="/objects", tags=["objects"])
 async def picture(
     request: Request, id_: ObjectId, query: Annotated[PictureQuery, Query()], runtime: ReadyRuntime
 ) -> Response:
-    """Draw the object: 40,000 of its points over white, in color if the object has colors."""
-    fmt = format_of(request, query.format, PICTURE_FORMATS)
+    """Draw the object: 40,000 of its points over white, in color if the object has colors; still, or turning once."""
+    fmt = _format_of(request, query)
+    check_turntable(query)
     record, frame = await complete_record(runtime, await runtime.store.record(id_), client=client_of(request.scope))
     answer = FileAnswer(id_, fmt, "picture", fmt.name, query.model_dump(exclude={"format"}), frame, vary="Accept")
     if response := answer.without_file(request):
@@ -39,7 +37,9 @@ async def picture(
 
     async def compute() -> bytes:
         _, functions = await runtime.store.get(id_)
-        return await runtime.run(_picture_file, fmt, record.spec, functions, frame, query)
+        scene = await runtime.run(scene_of, record.spec, functions, frame, query)
+        pictures = [await runtime.run(draw_frame, scene, query, index) for index in range(query.frames)]
+        return await runtime.run(fmt.dump, pictures, TURN_MS // query.frames)
 
     return answer.with_file(compute, runtime.gates.points, picture_cost(record, query))
 
@@ -60,7 +60,10 @@ async def photo(request: Request, id_: ObjectId, query: Annotated[NoQuery, Query
     return answer.without_file(request) or Response(content, headers=answer.headers, media_type=answer.media_type)
 
 
-def _picture_file(
-    fmt: PictureFormat, spec: MappingSpec, functions: Functions, frame: Frame, options: PictureOptions
-) -> bytes:
-    return fmt.dump(picture_of(spec, functions, frame, options))
+def _format_of(request: Request, query: PictureQuery) -> PictureFormat:
+    """Return the format to write. Raises NotAcceptable, or InvalidParameter if it holds a single picture only."""
+    formats = {name: fmt for name, fmt in PICTURE_FORMATS.items() if fmt.moves or query.frames == 1}
+    if query.format and query.format not in formats:
+        detail = f"{query.format} holds one picture, frames is {query.frames}: use format={' or '.join(formats)}"
+        raise InvalidParameter(detail, field="format")
+    return format_of(request, query.format, formats)

@@ -9,6 +9,7 @@ import pytest
 
 from service.api.routes import viewer
 from service.formats.mesh.registry import MESH_FORMATS
+from service.formats.picture import PICTURE_FORMATS
 from service.formats.points.registry import POINT_FORMATS
 from service.formats.weights import WEIGHT_FORMATS
 
@@ -116,4 +117,9 @@ def test_page_without_a_bundle_is_404_and_the_api_works(
 def test_page_offers_every_format() -> None:
     groups = dict(re.findall(r'<optgroup [^>]*data-of="(\w+)">(.*?)</optgroup>', INDEX, re.DOTALL))
     values = {name: set(re.findall(r'value="(\w+)"', group)) for name, group in groups.items()}
-    assert values == {"points": set(POINT_FORMATS), "mesh": set(MESH_FORMATS), "weights": set(WEIGHT_FORMATS)}
+    assert values == {
+        "points": set(POINT_FORMATS),
+        "mesh": set(MESH_FORMATS),
+        "picture": set(PICTURE_FORMATS),
+        "weights": set(WEIGHT_FORMATS),
+    }

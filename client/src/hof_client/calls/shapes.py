@@ -15,7 +15,7 @@ from hof_client.request import Call, Request, Stream, Value
 
 PointFormat = Literal["ply", "npy", "xyz", "json", "glb", "gltf", "pcd", "f32", "f16"]
 MeshFormat = Literal["glb", "gltf", "obj", "stl", "ply", "usdz"]
-PictureFormat = Literal["png", "webp"]
+PictureFormat = Literal["png", "webp", "gif"]
 PictureView = Literal["three-quarter", "front", "side", "back", "top"]
 WeightFormat = Literal["safetensors", "npy", "json", "onnx"]
 WeightType = Literal["float32", "float16", "int8"]
@@ -177,10 +177,14 @@ def picture(
     format: PictureFormat = "png",  # noqa: A002 - the name in the API
     size: int = 320,
     view: PictureView = "three-quarter",
+    frames: int = 1,
     color: Color = "auto",
 ) -> Call[bytes]:
-    """Return the file of a picture of an object, of size x size pixels. Raises NotFound."""
-    query = {"format": format, "size": size, "view": view, "color": color}
+    """Return the file of a picture of an object, of size x size pixels. Raises NotFound.
+
+    With more than one of `frames`, up to 36, the object turns once around: for `webp` and `gif`, and a size up to 320.
+    """
+    query = {"format": format, "size": size, "view": view, "frames": frames, "color": color}
     request = Request("GET", "/objects/{id}/picture", {"id": object_id}, query, media_type="")
     return Call(request, lambda _: Whole(bytes))
 

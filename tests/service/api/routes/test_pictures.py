@@ -8,7 +8,7 @@ import httpx
 import numpy as np
 import numpy.typing as npt
 import pytest
-from PIL import Image
+from PIL import Image, ImageSequence
 
 from service.drawing.cloud import GROUND
 from service.formats.picture import PICTURE_FORMATS
@@ -50,6 +50,30 @@ def test_picture_in_every_format_shows_the_same(client: httpx.Client, path: str,
     assert client.get(path, headers={"Accept": f"image/{name}"}).headers["content-type"] == f"image/{name}"
 
 
+@pytest.mark.parametrize("name", ["webp", "gif"])
+def test_picture_of_several_frames_turns_once_around(client: httpx.Client, path: str, name: str) -> None:
+    answer = client.get(path, params={"size": 96, "frames": 4, "view": "front", "format": name})
+    assert answer.headers["content-type"] == f"image/{name}"
+    with Image.open(io.BytesIO(answer.content)) as film:
+        assert (film.n_frames, film.info["loop"], film.size) == (4, 0, (96, 96))
+        frames = []
+        for frame in ImageSequence.Iterator(film):
+            frames.append(np.asarray(frame.convert("RGB")).astype(np.int16))
+            assert frame.info["duration"] == 900
+    stills = [_drawn(client.get(path, params={"size": 96, "view": view})) for view in ("front", "side", "back")]
+    distances = np.array([[np.abs(frame - still).mean() for still in stills] for frame in frames[:3]])
+    assert distances.diagonal().max() < 5
+    assert (distances.argmin(axis=1) == [0, 1, 2]).all()
+
+
+def test_picture_of_several_frames_is_webp_by_default_and_has_its_own_etag(client: httpx.Client, path: str) -> None:
+    heads = [client.head(path, params={"frames": frames}) for frames in (1, 2, 3)]
+    assert [head.headers["content-type"] for head in heads] == ["image/png", "image/webp", "image/webp"]
+    assert len({head.headers["etag"] for head in heads}) == 3
+    refused = client.get(path, params={"frames": 2}, headers={"Accept": "image/png"})
+    assert refused.status_code == 406
+
+
 def test_picture_of_each_view_is_another(client: httpx.Client, path: str) -> None:
     pictures = {client.get(path, params={"size": 64, "view": view}).content for view in CAMERAS}
     assert len(pictures) == len(CAMERAS)
@@ -68,7 +92,11 @@ def test_picture_of_an_object_in_color_can_leave_the_colors_out(colored: httpx.C
         ("size=31", "size", "32"),
         ("size=513", "size", "512"),
         ("view=below", "view", "top"),
-        ("format=gif", "format", "webp"),
+        ("format=bmp", "format", "webp"),
+        ("frames=0", "frames", "1"),
+        ("frames=37", "frames", "36"),
+        ("frames=2&format=png", "format", "webp or gif"),
+        ("frames=2&size=321", "size", "320"),
         ("n=5", "n", "unknown"),
     ],
 )

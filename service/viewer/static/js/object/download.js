@@ -8,6 +8,9 @@ const form = document.getElementById("download");
 const format = document.getElementById("format");
 const line = document.querySelector('.curl[data-of="download"]');
 
+const STILL = { size: 512 };
+const TURNING = { size: 320, frames: 24 };
+
 let chosen; // returns {object, points: {n, seed}, inColor}
 
 /** Set up the menu; `shown` returns the object and its options: {object, points: {n, seed}, inColor}. */
@@ -45,7 +48,8 @@ function chosenFile() {
   const { object, points, inColor } = chosen();
   const name = format.value;
   const { of } = format.selectedOptions[0].parentElement.dataset;
-  const query = of === "points" ? { ...points, format: name } : { format: name };
+  const picture = name === "png" ? STILL : TURNING;
+  const query = { ...(of === "points" && points), ...(of === "picture" && picture), format: name };
   if (of !== "weights" && object.color && !inColor) query.color = "none";
   return { path: filePath(object, of, query), suffix: name };
 }
