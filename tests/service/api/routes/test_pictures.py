@@ -55,11 +55,12 @@ def test_picture_of_several_frames_turns_once_around(client: httpx.Client, path:
     answer = client.get(path, params={"size": 96, "frames": 4, "view": "front", "format": name})
     assert answer.headers["content-type"] == f"image/{name}"
     with Image.open(io.BytesIO(answer.content)) as film:
-        assert (film.n_frames, film.info["loop"], film.size) == (4, 0, (96, 96))
+        assert (film.info["loop"], film.size) == (0, (96, 96))
         frames = []
         for frame in ImageSequence.Iterator(film):
             frames.append(np.asarray(frame.convert("RGB")).astype(np.int16))
             assert frame.info["duration"] == 900
+    assert len(frames) == 4
     stills = [_drawn(client.get(path, params={"size": 96, "view": view})) for view in ("front", "side", "back")]
     distances = np.array([[np.abs(frame - still).mean() for still in stills] for frame in frames[:3]])
     assert distances.diagonal().max() < 5
