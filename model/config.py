@@ -15,6 +15,7 @@ Method = Literal["hof", "deepsdf", "foldingnet", "direct", "atlasnet_sphere", "a
 Trunk = Literal["dense", "lite0", "resnet18"]
 Predicted = Literal["all", "first_layer", "biases", "first_bias"]
 ProjectionForm = Literal["travel", "nearest"]
+Frame = Literal["object", "camera"]
 Device = Literal["auto", "cpu", "cuda"]
 Part = TypeVar("Part")
 
@@ -95,6 +96,7 @@ class TrainConfig:
     )
     late_points: int = option(1_536, "predicted points per object in the late loss", least=1)
     late_target_points: int = option(10_000, "true points per object in the late loss", least=1)
+    frame: Frame = option("object", "frame of the points: the object's, or that of the camera")  # noqa: RUF009 - a field
     augmented: bool = option(default=True, text="change images as photographs differ, and mirror half of them")
     constant_rate: bool = option(default=False, text="keep the learning rate as it is: no warm-up, no decay")
     variants: bool = option(default=False, text="train on the variants of `hof-model data vary` too")

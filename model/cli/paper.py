@@ -12,8 +12,10 @@ from model.cli.suites import add_suites
 from model.data.manifest import SPLITS
 
 FIT: Final = "fit"
+INTERPOLATION: Final = "interpolation"
 LATENT: Final = "latent"
 PATHS: Final = "paths"
+RUNTIME: Final = "runtime"
 VIEWS: Final = "views"
 PAGE: Final = "page"
 
@@ -44,6 +46,15 @@ def add_stage(stages: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     views = experiments.add_parser(VIEWS, help="several views of one object, aggregated into one shape")
     views.set_defaults(run=_views)
     _add_measured(views)
+    runtime = experiments.add_parser(RUNTIME, help="time to map n points, of HOF and the decoders it is compared with")
+    runtime.set_defaults(run=_runtime)
+    add_seed(runtime)
+    runtime.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help="device to time; default: cpu")
+    runtime.add_argument("--record-only", action="store_true", help="do not write PAPER.md: needs torch alone")
+    _add_out(runtime)
+    interpolation = experiments.add_parser(INTERPOLATION, help="words against means of thetas, from `mixtures`")
+    interpolation.set_defaults(run=_interpolation)
+    _add_out(interpolation)
     add_suites(experiments)
 
 
@@ -94,6 +105,33 @@ def _latent(arguments: argparse.Namespace) -> None:
     from model.report.paper.page import record_path, write
 
     measure_latent(arguments.seed).write(record_path(arguments.out, EXPERIMENT))
+    print(write(arguments.out))
+
+
+def _interpolation(arguments: argparse.Namespace) -> None:
+    from model.evaluation.locations import MIXTURES
+    from model.evaluation.paper.interpolation import EXPERIMENT, interpolation_record
+    from model.report.paper.page import record_path, write
+
+    interpolation_record(arguments.out / MIXTURES).write(record_path(arguments.out, EXPERIMENT))
+    print(write(arguments.out))
+
+
+def _runtime(arguments: argparse.Namespace) -> None:
+    import torch
+
+    from model.evaluation.locations import PAPER
+    from model.evaluation.paper.runtime import experiment_of, measure_runtime
+
+    if arguments.device == "cuda" and not torch.cuda.is_available():
+        raise ValueError(f"--device cuda: torch {torch.__version__} sees no CUDA device")
+    path = arguments.out / PAPER / f"{experiment_of(arguments.device)}.json"
+    measure_runtime(arguments.device, arguments.seed).write(path)
+    if arguments.record_only:
+        print(path)
+        return
+    from model.report.paper.page import write
+
     print(write(arguments.out))
 
 

@@ -10,9 +10,9 @@ from model.cli.flags import add_flags, number, values
 from model.cli.train import add_network, add_schedule, config_from
 from model.config import COMPARED_RUN, DeviceOptions, TrainConfig
 from model.data.manifest import SPLITS
-from model.evaluation.paper.suites import SUITES
+from model.evaluation.paper.suites import PICTURED, SUITES
 
-VARIED: Final = {"seed", "method", "projection", "projection_form", "start"}  # options that the suites set
+VARIED: Final = {"seed", "method", "projection", "projection_form", "frame", "start"}  # options that the suites set
 RUNS: Final = Path("runs/paper")
 
 
@@ -61,5 +61,10 @@ def _suite(arguments: argparse.Namespace) -> None:
     from model.report.paper.page import record_path, write
 
     record = measure_suite(name, runs, arguments.data, arguments.split, arguments.protocol == "epcg")
-    record.write(record_path(arguments.out, name))
+    path = record_path(arguments.out, name)
+    record.write(path)
+    if name == PICTURED:
+        from model.evaluation.paper.slices import draw_slices
+
+        draw_slices(runs, arguments.data, arguments.split).quantize(64).save(path.with_suffix(".png"), optimize=True)
     print(write(arguments.out))

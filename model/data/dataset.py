@@ -13,8 +13,9 @@ import torch.nn.functional as nnf
 from PIL import Image
 from torch import Tensor
 
-from model.config import TrainConfig
+from model.config import Frame, TrainConfig
 from model.data.augment import ANY_LIGHT, Light, augment, oversize
+from model.data.camera_frame import to_camera
 from model.data.manifest import COLORS, Entry, Manifest, Split, piece_entries, piece_files, variant_files
 from model.data.packed.shards import OWN
 from model.data.sources.photographs import photograph_files
@@ -37,11 +38,26 @@ class Shape:
     crops : (views, S, S, 4) uint8 RGBA, framed by the service's code, S = oversize(size) * size.
     points : (10000, 3) float32, object frame.
     colors : (10000, 3) uint8, sRGB of the material at each point; None for variants.
+    cameras : (views, 2) float32, azimuth and elevation in degrees; None if the file does not tell them.
     """
 
     crops: Bytes
     points: Floats
     colors: Bytes | None = None
+    cameras: Floats | None = None
+
+    def points_in(self, frame: Frame, view: int) -> Floats:
+        """Return the points in a frame, that of a view's camera or the object's.
+
+        Raises
+        ------
+        ValueError : the camera's frame, and the shape has no cameras.
+        """
+        if frame == "object":
+            return self.points
+        if self.cameras is None:
+            raise ValueError("a shape has no cameras: --frame camera needs a data set that tells them for each view")
+        return to_camera(torch.from_numpy(self.points)[None], torch.from_numpy(self.cameras[view])[None])[0].numpy()
 
 
 @dataclass(frozen=True)
@@ -60,14 +76,15 @@ class Examples:
     photographs: tuple[Path, ...]
     pieces: list[list[Shape]] = field(default_factory=list)
 
-    def built(self, view: int) -> tuple[Bytes, Floats]:
+    def built(self, view: int, frame: Frame = "object") -> tuple[Bytes, Floats]:
         """Return a visible view of every object as built, the last one of those that have fewer.
 
         Returns crops (objects, S, S, 4) and points (objects, 10000, 3).
         """
         own = [first for first, *_ in self.shapes]
-        crops = [shape.crops[min(view, len(shape.crops) - 1)] for shape in own]
-        return np.stack(crops), np.stack([shape.points for shape in own])
+        views = [min(view, len(shape.crops) - 1) for shape in own]
+        crops = np.stack([shape.crops[each] for shape, each in zip(own, views, strict=True)])
+        return crops, np.stack([shape.points_in(frame, each) for shape, each in zip(own, views, strict=True)])
 
 
 def load_examples(
@@ -113,9 +130,11 @@ def piece_groups(folder: Path) -> list[list[Path]]:
 
 def _load_shape(path: Path, framing: Framing) -> Shape:
     with np.load(path) as arrays:
-        visible = [view for view in arrays["views"] if (view[..., 3] > 0).mean() > VISIBLE]
-        crops = np.stack([np.asarray(frame(Image.fromarray(view), framing)[0]) for view in visible])
-        return Shape(crops, arrays["points"], arrays.get(COLORS))
+        views, cameras = arrays["views"], arrays.get("cameras")
+        visible = [number for number, view in enumerate(views) if (view[..., 3] > 0).mean() > VISIBLE]
+        crops = np.stack([np.asarray(frame(Image.fromarray(views[number]), framing)[0]) for number in visible])
+        kept = None if cameras is None or len(cameras) != len(views) else cameras[visible, :2].astype(np.float32)
+        return Shape(crops, arrays["points"], arrays.get(COLORS), kept)
 
 
 @dataclass(frozen=True)
@@ -151,7 +170,7 @@ def draw_batch(examples: Examples, config: TrainConfig, step: int, light: Light 
             shapes = shapes[:OWN]
         shape, view = _any_view(shapes, rng)
         order = rng.permutation(len(shape.points))[: config.target_points]
-        targets = shape.points[order]
+        targets = shape.points_in(config.frame, view)[order]
         crops.append(shape.crops[view])
         points.append(targets * MIRROR if is_mirrored else targets)
         if shape.colors is not None:

@@ -29,6 +29,7 @@ Floats = npt.NDArray[np.float32]
 Values = npt.NDArray[np.float64]
 Bytes = npt.NDArray[np.uint8]
 Answer = Callable[[bytes, int], Floats]  # an image file's bytes, n -> points (n, 3)
+Number = TypeVar("Number", bound=np.generic)
 S = TypeVar("S")
 T = TypeVar("T")
 
@@ -145,8 +146,8 @@ def measure_objects(
     return Evaluation(method, _columns(in_threads(figures, objects, method)), n=n)
 
 
-def chosen_views(views: Bytes) -> Bytes:
-    """Return the views that are evaluated: VIEWS, or all of an object that has fewer than these need."""
+def chosen_views(views: npt.NDArray[Number]) -> npt.NDArray[Number]:
+    """Return the views that are evaluated, or their numbers: VIEWS, or all of an object that has fewer."""
     return views[list(VIEWS)] if len(views) > max(VIEWS) else views
 
 

@@ -8,12 +8,13 @@ from typing import Final
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import nn
 
 from model.evaluation.evaluate import PREDICTED_POINTS, draw
 from model.evaluation.records import Decoder
 from model.networks.atlasnet import AtlasNet
 from model.networks.decoders import Hof
+from model.networks.fixed_features import FixedFeatures
 from model.training.checkpoints import load_network, predictor
 from service.encoding.encoder import Encoder
 
@@ -42,18 +43,6 @@ def mapping_decoder(encoder: Encoder) -> Decoder:
     gray = np.full((1, 3, encoder.framing.size, encoder.framing.size), 0.5, np.float32)
     theta = encoder.encode(gray)[0].theta
     return Decoder(spec.size, len(spec.hidden) + 1, median_ms(lambda: draw(spec, theta)))
-
-
-class FixedFeatures(nn.Module):
-    """Stand-in for an image encoder that returns the same features for every image."""
-
-    def __init__(self, features: Tensor) -> None:
-        super().__init__()
-        self.features = features
-
-    def forward(self, images: Tensor) -> Tensor:
-        """Return the fixed features, whatever the images (b, 3, s, s) are."""
-        return self.features
 
 
 def network_decoder(checkpoint: Path) -> Decoder:

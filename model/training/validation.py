@@ -17,7 +17,7 @@ def validate(network: nn.Module, config: TrainConfig, validation: Examples) -> d
     canonical = torch.from_numpy(canonical_points(config.spec.domain, VALIDATION_POINTS, config.seed))
     metrics = []
     for view in VIEWS:
-        crops, points = validation.built(view)
+        crops, points = validation.built(view, config.frame)
         for start in range(0, len(crops), config.batch):
             images = plain_images(torch.from_numpy(crops[start : start + config.batch]), config.framing.size)
             images = images.contiguous(memory_format=torch.channels_last)

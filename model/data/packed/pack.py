@@ -17,6 +17,7 @@ from tqdm import tqdm
 from model.data.augment import oversize
 from model.data.dataset import VISIBLE, piece_groups
 from model.data.manifest import COLORS, Manifest, variant_files
+from model.data.packed.cameras import write_cameras
 from model.data.packed.options import PackOptions
 from model.data.packed.photographs import pack_photographs
 from model.data.packed.shards import (
@@ -76,6 +77,7 @@ def pack(folders: Sequence[Path], output: Path, options: PackOptions, processes:
                 write_shard(file, shapes, asdict(options))
             shards.append(path)
             bar.update(len(shapes))
+    write_cameras(output, {job.row.key: job.path for job in jobs})
     with whole_file(output / INDEX) as file:
         file.write((json.dumps(_index(shards, photographs, options), indent=1) + "\n").encode())
     return output / INDEX

@@ -54,6 +54,11 @@ class Row:
     colored: bool
 
     @property
+    def key(self) -> str:
+        """Name of the shape in its packed data set."""
+        return f"{self.unit}|{self.object}|{self.shape}"
+
+    @property
     def is_own(self) -> bool:
         """Return whether this is an object's own shape."""
         return self.shape < OWN

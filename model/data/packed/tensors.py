@@ -10,7 +10,8 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
-from model.data.packed.shards import MADE_SOURCE, SCALE, SHARDS, Bytes, Row, read_table
+from model.data.packed.cameras import read_cameras
+from model.data.packed.shards import MADE_SOURCE, SCALE, SHARDS, Bytes, Floats, Row, read_table
 from model.data.packed.strips import decode
 
 
@@ -25,6 +26,7 @@ class Tensors:
     starts, counts : (shapes,) int64, where a shape's points start and how many there are.
     units : (units, 3) int64: of each object or group of made pieces its first view, the end of its own shapes'
         views and the end of all its views; own shapes come first.
+    cameras : (views, 2) float32, azimuth and elevation in degrees; None where they were not asked for.
     """
 
     images: Tensor
@@ -34,6 +36,7 @@ class Tensors:
     starts: Tensor
     counts: Tensor
     units: Tensor
+    cameras: Tensor | None = None
 
     def to(self, device: torch.device) -> "Tensors":
         """Return the same on a device."""
@@ -52,10 +55,19 @@ def dequantize(points: Tensor) -> Tensor:
     return points.float() / SCALE
 
 
-def read_packed(folder: Path, split: str, side: int, workers: int, variants: bool = True, made: bool = True) -> Tensors:
+def read_packed(
+    folder: Path,
+    split: str,
+    side: int,
+    workers: int,
+    variants: bool = True,
+    made: bool = True,
+    with_cameras: bool = False,
+) -> Tensors:
     """Read a split's shapes from all shards in `folder`, views of `side` pixels.
 
-    Without `variants` of objects only their shapes as built are read, without `made` no made pieces.
+    Without `variants` of objects only their shapes as built are read, without `made` no made pieces. With
+    `with_cameras` only shapes whose cameras are known.
 
     Raises
     ------
@@ -65,6 +77,8 @@ def read_packed(folder: Path, split: str, side: int, workers: int, variants: boo
     shards = sorted(folder.glob(SHARDS))
     if not shards:
         raise FileNotFoundError(f"{folder} holds no shards: run `hof-model data pack -o {folder}` first")
+    known = read_cameras(folder) if with_cameras else None
+    cameras: list[Floats] = []
     rows: list[Row] = []
     strips: list[bytes] = []
     points, colors = [], []
@@ -72,6 +86,10 @@ def read_packed(folder: Path, split: str, side: int, workers: int, variants: boo
         for row, strip, of_shape, colored in _shapes(path):
             is_made = row.source == MADE_SOURCE
             if row.split == split and (made if is_made else variants or row.shape == 0):
+                if known is not None:
+                    if row.key not in known:
+                        continue
+                    cameras.append(known[row.key][list(row.views)])
                 rows.append(row)
                 strips.append(strip)
                 points.append(of_shape)
@@ -83,6 +101,7 @@ def read_packed(folder: Path, split: str, side: int, workers: int, variants: boo
         decode(strips, side, workers),
         np.concatenate(points),
         np.concatenate(colors) if all(row.colored for row in rows) else None,
+        np.concatenate(cameras) if cameras else None,
     )
 
 
@@ -105,7 +124,13 @@ def _shapes(path: Path) -> list[tuple[Row, bytes, npt.NDArray[np.int16], Bytes]]
     ]
 
 
-def arrange(rows: Sequence[Row], images: Bytes, points: npt.NDArray[np.int16], colors: Bytes | None) -> Tensors:
+def arrange(
+    rows: Sequence[Row],
+    images: Bytes,
+    points: npt.NDArray[np.int16],
+    colors: Bytes | None,
+    cameras: Floats | None = None,
+) -> Tensors:
     """Arrange shapes, their views and points concatenated in the order of the rows, for drawing."""
     views, counts = (np.array(each, np.int64) for each in zip(*((len(r.views), r.points) for r in rows), strict=True))
     units, first = [], 0
@@ -123,4 +148,5 @@ def arrange(rows: Sequence[Row], images: Bytes, points: npt.NDArray[np.int16], c
         starts=torch.from_numpy(np.cumsum(counts) - counts),
         counts=torch.from_numpy(counts),
         units=torch.tensor(units),
+        cameras=None if cameras is None else torch.from_numpy(cameras),
     )

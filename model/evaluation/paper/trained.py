@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from model.data.dataset import Shape
 from model.data.manifest import Entry, Manifest, Split
 from model.data.shapenet.convert import DENSE
 from model.evaluation.classes import class_of
@@ -73,12 +74,13 @@ def _figures(
 
     def figures(entry: Entry) -> dict[str, float]:
         with np.load(data / entry.file) as arrays:
-            views, true = arrays["views"], arrays["points"]
-            true = arrays.get(DENSE, true) if every_view else true
+            views, points, cameras = arrays["views"], arrays["points"], arrays.get("cameras")
+            shape = Shape(views, arrays.get(DENSE, points) if every_view else points, None, cameras)
         rows = []
-        for view in views if every_view else chosen_views(views):
-            points = predict(preprocess(png(view), config.framing).tensor, PREDICTED_POINTS, seed)[0]
-            row = compare(points, true)
+        for view in range(len(views)) if every_view else chosen_views(np.arange(len(views))):
+            photo = preprocess(png(views[view]), config.framing).tensor
+            points = predict(photo, PREDICTED_POINTS, seed)[0]
+            row = compare(points, shape.points_in(config.frame, int(view)))
             row[CD] = (row["cd_forward"] + row["cd_backward"]) / 2
             if config.method == "hof" and start.shape[1] == points.shape[1]:
                 row[TRAVEL] = float(np.linalg.norm(points - start, axis=1).mean())

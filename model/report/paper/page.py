@@ -7,12 +7,14 @@ from typing import Final
 
 from model.evaluation.locations import PAPER
 from model.evaluation.paper.compression import EXPERIMENT as FIT
+from model.evaluation.paper.interpolation import EXPERIMENT as INTERPOLATION
 from model.evaluation.paper.latent import EXPERIMENT as LATENT
 from model.evaluation.paper.navigation import EXPERIMENT as PATHS
 from model.evaluation.paper.record import PaperRecord
+from model.evaluation.paper.runtime import EXPERIMENT as RUNTIME
 from model.evaluation.paper.suites import SUITES
 from model.evaluation.paper.views import EXPERIMENT as VIEWS
-from model.report.paper import compression, latent, navigation, trained, views
+from model.report.paper import compression, interpolation, latent, navigation, runtime, trained, views
 from service.files import whole_file
 
 PAGE: Final = "PAPER.md"
@@ -22,9 +24,13 @@ SECTIONS: Final[Mapping[str, Callable[[PaperRecord], str]]] = {  # by experiment
     "domains": partial(trained.section, SUITES["domains"]),
     "powers": partial(trained.section, SUITES["powers"]),
     "projection": partial(trained.section, SUITES["projection"]),
+    RUNTIME: runtime.section,
+    f"{RUNTIME}-cuda": runtime.section,
+    INTERPOLATION: interpolation.section,
     LATENT: latent.section,
     "parts": partial(trained.section, SUITES["parts"]),
     PATHS: navigation.section,
+    "frame": partial(trained.section, SUITES["frame"]),
     VIEWS: views.section,
     FIT: compression.section,
 }

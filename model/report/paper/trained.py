@@ -4,8 +4,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from model.evaluation.locations import PAPER
 from model.evaluation.paper.record import PaperRecord
-from model.evaluation.paper.suites import Claim, Suite
+from model.evaluation.paper.suites import PICTURED, Claim, Suite
 from model.metrics import interval
 from model.report.tables import spread, table
 
@@ -31,7 +32,7 @@ otherwise, {setting["split"]} split, {setting["objects"]} objects, {views}, {set
 
 {_figures(record)}
 
-{_paper(suite)}{_curves(about)}
+{_paper(suite)}{_curves(about)}{_picture(record)}
 
 The paper's claims, on the mean of both distances; differences are paired over objects. As good as means within
 {CLOSE:.0%}:
@@ -64,6 +65,16 @@ def _paper(suite: Suite) -> str:
 """
 
 
+def _picture(record: PaperRecord) -> str:
+    if record.experiment != PICTURED:
+        return ""
+    return f"""
+
+Slices of the ball in red, and where they land in green:
+
+![slices of the ball, and where they land]({PAPER}/{PICTURED}.png)"""
+
+
 def _curves(about: dict[str, Any]) -> str:
     """Return how much the validation still gained at the end of each run."""
     parts = []
@@ -76,9 +87,12 @@ def _curves(about: dict[str, Any]) -> str:
 
 def verdict(record: PaperRecord, claim: Claim) -> str:
     """Return whether a claim holds, with the paired difference of its figure and the interval."""
-    one, other = record.trial(claim.one), record.trial(claim.other)
-    gap = interval(one.column(claim.figure) - other.column(claim.figure))
-    base = float(np.mean(other.column(claim.figure)))
+    chosen = np.array([not claim.classes or each in claim.classes for each in record.classes])
+    if not chosen.any():
+        return "not measured, the split has no such objects"
+    one, other = (record.trial(name).column(claim.figure)[chosen] for name in (claim.one, claim.other))
+    gap = interval(one - other)
+    base = float(np.mean(other))
     relative = "" if not base else f", {gap[0] / base:+.1%}"
     shown = f"{spread(gap, '+')}{relative}"
     if claim.kind == "lower":

@@ -58,7 +58,8 @@ def load_validation(data: Path, config: TrainConfig, options: DeviceOptions) -> 
 def _read(options: DeviceOptions, config: TrainConfig, split: str, variants: bool, made: bool) -> Tensors:
     side = config.framing.size * oversize(config.framing.size)
     workers = options.workers or os.cpu_count() or 1
-    return read_packed(Path(options.packed or ""), split, side, workers, variants, made)
+    folder = Path(options.packed or "")
+    return read_packed(folder, split, side, workers, variants, made, config.frame == "camera")
 
 
 def tensors_of(examples: Examples) -> Tensors:
@@ -69,12 +70,14 @@ def tensors_of(examples: Examples) -> Tensors:
     is_colored = all(shape.colors is not None for shape in shapes)
     rng = np.random.default_rng(0)
     orders = [rng.permutation(len(shape.points)) for shape in shapes]  # draws take points that follow each other
+    cameras = [shape.cameras for shape in shapes if shape.cameras is not None]
     colors = [shape.colors[order] for shape, order in zip(shapes, orders, strict=True) if shape.colors is not None]
     return arrange(
         list(_rows(named + pieces)),
         np.concatenate([shape.crops for shape in shapes]),
         np.concatenate([quantize(shape.points[order]) for shape, order in zip(shapes, orders, strict=True)]),
         np.concatenate(colors) if is_colored else None,
+        np.concatenate(cameras) if len(cameras) == len(shapes) else None,
     )
 
 

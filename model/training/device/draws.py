@@ -7,8 +7,9 @@ import torch
 import torch.nn.functional as nnf
 from torch import Tensor
 
-from model.config import TrainConfig
+from model.config import Frame, TrainConfig
 from model.data.augment import ANY_LIGHT, Light
+from model.data.camera_frame import to_camera
 from model.data.dataset import Batch, plain_images
 from model.data.packed.tensors import Tensors, dequantize
 from model.training.device.augment import Grounds, augment
@@ -59,7 +60,7 @@ class Draws:
         offset = (torch.rand(b, 1, device=device) * count).long()
         index = start + (offset + torch.arange(target_points, device=device)) % count  # (b, target_points)
         side = torch.where(mirrored, -1.0, 1.0).view(b, 1, 1)  # left and right exchanged: x negated
-        true = dequantize(self.tensors.points[index])
+        true = in_frame(self.config.frame, dequantize(self.tensors.points[index]), self.tensors, view)
         true = torch.cat([true[..., :1] * side, true[..., 1:]], dim=2)
         colors = None if self.tensors.colors is None else self.tensors.colors[index]
         canonical = uniform_points(self.config.spec.domain, b, points, device)
@@ -73,6 +74,20 @@ class Draws:
         count = torch.where(is_own, own_end, end) - first
         drawn = (torch.rand(len(units), device=device, dtype=torch.float64) * count).long()
         return first + torch.minimum(drawn, count - 1)
+
+
+def in_frame(frame: Frame, points: Tensor, tensors: Tensors, views: Tensor) -> Tensor:
+    """Return points (b, m, 3) of the object frame in a frame, that of the views' (b,) cameras or the object's.
+
+    Raises
+    ------
+    ValueError : the camera's frame, and the data set has no cameras.
+    """
+    if frame == "object":
+        return points
+    if tensors.cameras is None:
+        raise ValueError("--frame camera needs a data set that tells the cameras of all its views")
+    return to_camera(points, tensors.cameras[views])
 
 
 def seed_step(seed: int, step: int) -> None:

@@ -9,6 +9,7 @@ from model.config import TrainConfig
 from model.data.dataset import plain_images
 from model.data.packed.tensors import Tensors, dequantize
 from model.networks.ops.dispatch import nearest_index
+from model.training.device.draws import in_frame
 from model.training.losses import gather
 from service.mapping.canonical import canonical_points
 
@@ -31,7 +32,8 @@ def validate(network: nn.Module, config: TrainConfig, validation: Tensors) -> di
             predicted = network(
                 images.contiguous(memory_format=torch.channels_last), canonical.expand(len(images), -1, -1)
             )
-            metrics.append(_compare(predicted.float(), _targets(validation, chosen)))
+            true = in_frame(config.frame, _targets(validation, chosen), validation, chosen)
+            metrics.append(_compare(predicted.float(), true))
     val, f1, f2 = torch.cat(metrics).mean(0).tolist()
     return {"val": val, "f@1%": f1, "f@2%": f2}
 

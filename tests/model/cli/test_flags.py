@@ -50,10 +50,10 @@ def test_train_without_flags_has_the_defaults_of_its_config() -> None:
 
 def test_train_with_every_flag_sets_every_field() -> None:
     switches = ["--variants", "--made", "--no-augmented", "--constant-rate"]
-    flags = [*as_flags(ALL_FLAGS), *switches, "--method", "direct", "--projection-form", "nearest"]
+    flags = [*as_flags(ALL_FLAGS), *switches, "--method", "direct", "--projection-form", "nearest", "--frame", "camera"]
     config = config_of(*flags)
     switched: dict[str, Any] = {"variants": True, "made": True, "augmented": False, "constant_rate": True}
-    switched |= {"method": "direct", "projection_form": "nearest"}
+    switched |= {"method": "direct", "projection_form": "nearest", "frame": "camera"}
     assert config == replace(TrainConfig(), **ALL_FLAGS, **switched)
     same = {
         each.name for each in fields(TrainConfig) if getattr(config, each.name) == getattr(TrainConfig(), each.name)

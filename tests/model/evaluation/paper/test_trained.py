@@ -5,17 +5,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from model import cli
 from model.config import COMPARED_RUN, DeviceOptions
 from model.data.manifest import Manifest
+from model.data.packed.cameras import CAMERAS
 from model.data.packed.options import PackOptions
 from model.data.packed.pack import pack
 from model.evaluation.paper.record import PaperRecord, Trial
-from model.evaluation.paper.suites import SUITES, Claim
+from model.evaluation.paper.suites import PICTURED, SUITES, Claim
 from model.evaluation.paper.training import configs, is_finished, run_folder, train_suite
 from model.networks.decoders import make_network
 from model.report.paper.trained import section, verdict
+from model.training.device.data import load_data
 from tests.support.small import data as small_data
 from tests.support.small.network import ENCODER
 
@@ -39,7 +42,7 @@ def test_variants_of_a_suite_are_different_networks_of_one_setting(name: str) ->
     made = configs(suite, SMALL, seed=3)
     assert len({str(config.to_dict()) for config in made.values()}) == len(made)
     shared = {each.name for each in fields(SMALL)} - {"spec", "method", "encoder", "seed"}
-    shared -= {"projection", "projection_form"} if name == "projection" else set()
+    shared -= {"projection": {"projection", "projection_form"}, "frame": {"frame"}}.get(name, set())
     for config in made.values():
         assert config.seed == 3
         assert all(getattr(config, each) == getattr(SMALL, each) for each in shared)
@@ -56,7 +59,7 @@ def test_every_variant_of_a_suite_makes_a_network(name: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["domains", "projection"])
+@pytest.mark.parametrize("name", ["projection", "frame"])
 def test_command_trains_measures_and_writes_the_page(name: str, data: Path, tmp_path: Path) -> None:
     command = ["paper", name, "--data", str(data), "--runs", str(tmp_path / "runs"), "-o", str(tmp_path)]
     command += ["--steps", "2", "--device", "cpu", *FLAGS, *SIZES]
@@ -65,14 +68,32 @@ def test_command_trains_measures_and_writes_the_page(name: str, data: Path, tmp_
     assert [trial.method for trial in record.trials] == list(SUITES[name].variants)
     for trial in record.trials:
         assert np.isfinite(trial.column("cd")).all()
-        assert ("travel" in trial.figures) == (trial.method != "4D ball")
+        assert np.isfinite(trial.column("travel")).all()
     assert {about["steps"] for about in record.setting["variants"].values()} == {2}
     text = (tmp_path / "PAPER.md").read_text()
     assert f"## {SUITES[name].title}" in text
     assert "2 steps of 4 images" in text
+    picture = tmp_path / "model" / "results" / "paper" / f"{name}.png"
+    assert picture.is_file() == (name == PICTURED) == (f"{name}.png" in text)
     before = {path: path.stat().st_mtime_ns for path in (tmp_path / "runs").rglob("last.pt")}
     assert cli.main(command) == 0  # finished runs are not trained again
     assert {path: path.stat().st_mtime_ns for path in (tmp_path / "runs").rglob("last.pt")} == before
+
+
+@pytest.mark.slow
+def test_frame_from_shards_reads_their_cameras(data: Path, tmp_path: Path) -> None:
+    packed = tmp_path / "packed"
+    pack([data], packed, PackOptions(SMALL.framing, variants=False, made=False), processes=1)
+    config = replace(SMALL, frame="camera")
+    shards = load_data(Path("none"), config, DeviceOptions(device="cpu", packed=str(packed), workers=1)).train
+    folder = load_data(data, config, DeviceOptions(device="cpu")).train
+    assert shards.cameras is not None
+    assert folder.cameras is not None
+    assert shards.cameras.shape == (len(shards.images), 2)
+    assert torch.equal(shards.cameras, folder.cameras)
+    (packed / CAMERAS).unlink()
+    with pytest.raises(FileNotFoundError, match="again, which adds it"):
+        load_data(Path("none"), config, DeviceOptions(device="cpu", packed=str(packed), workers=1))
 
 
 @pytest.mark.slow
@@ -118,6 +139,12 @@ def _record(**columns: list[float]) -> PaperRecord:
 def test_verdict_follows_the_interval_of_the_paired_difference(one: list[float], kind: str, expected: str) -> None:
     record = _record(a=one, b=[1.0, 1.0, 1.0, 1.0])
     assert verdict(record, Claim("", "a", "b", kind)).startswith(expected)  # type: ignore[arg-type]
+
+
+def test_verdict_on_classes_counts_their_objects_alone() -> None:
+    record = replace(_record(a=[1, 1, 3, 3], b=[2, 2, 2, 2]), classes=["cabinet", "cabinet", "chair", "chair"])
+    assert verdict(record, Claim("", "a", "b", "lower", classes=("cabinet",))).startswith("holds, -1.000")
+    assert verdict(record, Claim("", "a", "b", "lower", classes=("lamp",))).startswith("not measured")
 
 
 def test_section_shows_setting_parameters_curves_and_claims() -> None:
