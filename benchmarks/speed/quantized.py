@@ -49,14 +49,16 @@ class _Images(quantization.CalibrationDataReader):  # type: ignore[misc]
 
 def main() -> None:
     """Measure and print."""
-    argparse.ArgumentParser(description=__doc__).parse_args()
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--rounds", type=int, default=ROUNDS)
+    rounds: int = parser.parse_args().rounds
     pin()
     encoder = Encoder.open(SHIPPED_MODEL, threads=1)
     images = np.concatenate([preprocess(photo, encoder.framing).tensor for photo in islice(photos(), PHOTOS)])
     run = provenance(0)
     print(
         f"Printed by `python -m benchmarks.speed.quantized`. {run['machine']}; {run['date']}, commit {run['commit']}; "
-        f"{encoder.name}, one core, least processor time of {ROUNDS} rounds.\n"
+        f"{encoder.name}, one core, least processor time of {rounds} rounds.\n"
     )
     heads = [f"ms an image, {batch} at a time" for batch in BATCHES]
     print(f"| form | {' | '.join(heads)} | times as fast | MB | F@2% of its points against float32's |")
@@ -69,7 +71,7 @@ def main() -> None:
             path = plain if make is None else Path(folder) / "form.onnx"
             if make:
                 make(str(plain), str(path))
-            times = [_ms(path, images[:batch]) for batch in BATCHES]
+            times = [_ms(path, images[:batch], rounds) for batch in BATCHES]
             base = base or times[-1]
             pairs = zip(_clouds(encoder.spec, path, images), expected, strict=True)
             score = np.mean([compare(one, other)[SCORE] for one, other in pairs])
@@ -111,10 +113,10 @@ def _with_float32_weights(model: onnx.ModelProto) -> onnx.ModelProto:
     return model
 
 
-def _ms(path: Path, images: Array) -> float:
+def _ms(path: Path, images: Array, rounds: int) -> float:
     """Return the processor time of an image, the least of the rounds."""
     session, times = open_session(path, 1), []
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         before = time.process_time()
         session.run(None, {"image": images})
         times.append(time.process_time() - before)

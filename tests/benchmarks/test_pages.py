@@ -38,6 +38,18 @@ def test_mapping_network_equals_the_power_of_the_mapping() -> None:
 
 
 @pytest.mark.server
+@pytest.mark.parametrize(
+    ("command", "row"),
+    [("stages", "| box of the function |"), ("quantized", "| 8 bits, all layers, calibrated (QDQ) |")],
+)
+def test_speed_command_prints_its_table(command: str, row: str) -> None:
+    line = [sys.executable, "-W", "ignore", "-m", f"benchmarks.speed.{command}", "--rounds", "1"]
+    run = subprocess.run(line, capture_output=True, text=True, timeout=RUN_TIMEOUT_S, check=False, cwd=ROOT)
+    assert run.returncode == 0, run.stderr
+    assert row in run.stdout
+
+
+@pytest.mark.server
 def test_speed_run_quick_writes_its_tables(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "benchmarks.speed.run", "--quick", "--rounds", "1", "-o", str(tmp_path)]
     run = subprocess.run(
