@@ -16,7 +16,7 @@ JS := client/js/node_modules/.package-lock.json
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo serve check quick test lint bench load soak replicas results paper gpu-check openapi lock clean
+.PHONY: help demo serve static check quick test lint bench load soak replicas results paper gpu-check openapi lock clean
 
 demo serve: export U2NET_HOME ?= $(dir $(MATTING))
 
@@ -28,6 +28,11 @@ demo: .venv/service.stamp $(MATTING) ## photos to points over HTTP; writes out/d
 
 serve: .venv/service.stamp $(MATTING) ## the service on 127.0.0.1:8080; settings by HOF_* variables
 	$(BIN)/hof serve
+
+static: .venv/service.stamp ## write out/static: the page with the encoder in it, for any web server; needs npm
+	test -d client/js/node_modules || npm ci --prefix client/js --no-audit --no-fund
+	npm run --silent --prefix client/js build
+	node service/viewer/local/build.mjs out/static
 
 check: lint quick ## lint and the quick tests; needs Python alone
 

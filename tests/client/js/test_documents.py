@@ -27,6 +27,9 @@ def test_code_of_the_document_runs_in_order(npm: Run, built: Path, tmp_path: Pat
     comments = re.findall(r"console\.log\(.*\); // (.+)$", script, re.MULTILINE)
     assert len(comments) >= 4
     assert [comment for comment in comments if comment not in lines] == []
+    written = re.findall(r'writeFile\("(.+?)"', script)
+    assert len(written) == 2
+    assert [name for name in written if not (tmp_path / name).stat().st_size] == []
 
 
 def test_table_of_methods_is_that_of_the_client(npm: Run, built: Path) -> None:

@@ -1,0 +1,164 @@
+// The page's API without a service: the same exports as js/api.js, which the import map of the static page replaces by
+// this module. Photos are encoded and objects are drawn here; objects are kept until the tab is closed.
+
+import { decode, Encoder, NoObjectFound } from "hof-client/encoder";
+
+import { fileOf } from "./files.js";
+import { pictureOf } from "./picture.js";
+import { Store } from "./store.js";
+import { points } from "./points.js";
+
+const MODEL = "hof1-k2";
+const FORMATS = { mesh: ["glb"], points: ["ply", "glb", "f32"], weights: ["safetensors"] }; // that files.js writes
+
+const store = new Store();
+let encoder; // a promise, once a photo was given
+
+/** An error with a title, as a service answers it. */
+export class Problem extends Error {
+  constructor(title, detail) {
+    super(detail);
+    this.title = title;
+  }
+}
+
+/** There is one model, so the page offers none. */
+export async function listModels() {
+  return [];
+}
+
+/** The page shows this path in a curl line, which the static page hides. */
+export function encodePath() {
+  return "encode";
+}
+
+/** Encode a photo (File) and return the object. */
+export async function encode(photo, { background } = {}, signal) {
+  encoder ??= openEncoder();
+  encoder.catch(() => (encoder = undefined)); // another photo tries again
+  const [{ metadata }, pixels] = await Promise.all([encoder, decoded(photo)]);
+  signal?.throwIfAborted();
+  try {
+    const encoded = await (await encoder).encode(pixels, background);
+    signal?.throwIfAborted();
+    return store.add(encoded, metadata.name);
+  } catch (error) {
+    if (error instanceof NoObjectFound) throw new Problem("No object found", error.message);
+    throw error;
+  }
+}
+
+async function openEncoder() {
+  const answer = await fetch(new URL(`../models/${MODEL}.onnx`, import.meta.url));
+  if (!answer.ok) throw new Problem("No model", `the web server answered ${answer.status} for the model's file`);
+  return Encoder.open(new Uint8Array(await answer.arrayBuffer()));
+}
+
+async function decoded(photo) {
+  try {
+    return await decode(photo);
+  } catch {
+    throw new Problem("Unsupported media type", "this browser cannot read the file as an image");
+  }
+}
+
+/** Return one object by its id. */
+export async function fetchObject(id) {
+  return entryOf(id).object;
+}
+
+/** Give an object another label, or none (""). Returns the object. */
+export async function relabel(id, label) {
+  return store.relabel(id, label);
+}
+
+/** Delete an object. */
+export async function deleteObject(id) {
+  store.delete(id);
+}
+
+/** Return all objects, newest first: {items, next}. */
+export async function listObjects() {
+  return { items: store.list(), next: null };
+}
+
+/** The word of objects, the last one applied first, for `compose`. */
+export function wordBody(objects) {
+  return JSON.stringify({ objects: objects.map(({ id }) => id) });
+}
+
+/** Make the object of a word. */
+export async function compose(body) {
+  return store.compose(JSON.parse(body).objects);
+}
+
+/** Paths are planned by a service; the static page hides what asks for one. */
+export async function planPath() {
+  throw new Problem("Not found", "paths are planned by a service");
+}
+
+/** Write the file of a path: {blob, name}. */
+export async function fetchFile(path) {
+  const { id, of, query } = parsed(path);
+  const file = fileOf(entryOf(id), of, query);
+  return { blob: new Blob([file]), name: `${id}.${query.format}` };
+}
+
+/** Draw a picture of an object: the address of a blob. */
+export async function fetchPicture(object, size) {
+  return URL.createObjectURL(await pictureOf(entryOf(object.id).functions, size));
+}
+
+/** Photos are not kept, so no object has one. */
+export async function fetchPhoto() {
+  throw new Problem("Not found", "no photos are kept");
+}
+
+/** Write the file of a path and return all its bytes (ArrayBuffer). */
+export async function fetchBytes(path, signal) {
+  const { blob } = await fetchFile(path);
+  signal?.throwIfAborted();
+  return blob.arrayBuffer();
+}
+
+/** The path of an object's file; `of` is `points`, `mesh` or `weights`. */
+export function filePath(object, of, query) {
+  return `objects/${object.id}/${of}?${new URLSearchParams(query)}`;
+}
+
+/** Bytes of one point of the object in a stream: three float32, and blue, green, red, 0 if it has a color. */
+export function bytesPerPoint(object) {
+  return object.color ? 16 : 12;
+}
+
+/** Compute points, colored if the object is, and pass their bytes (Uint8Array) to `take` part by part. */
+export async function streamPoints(object, { n, seed, offset = 0 }, signal, take) {
+  const { functions } = entryOf(object.id);
+  const range = { n: Number(n), seed: BigInt(seed), offset: Number(offset) };
+  for await (const part of points(functions, range)) {
+    if (signal?.aborted) return;
+    take(part);
+  }
+}
+
+function entryOf(id) {
+  const entry = store.get(id);
+  if (!entry) throw new Problem("Not found", "this object is not in this tab: give its photo again");
+  return entry;
+}
+
+function parsed(path) {
+  const [, id, of, query] = /^objects\/(\w+)\/(\w+)\?(.*)$/.exec(path);
+  return { id, of, query: Object.fromEntries(new URLSearchParams(query)) };
+}
+
+/** Leave out what needs a service, before the page starts: file formats, and the title of the list of objects. */
+function adapt() {
+  for (const group of document.querySelectorAll("#format optgroup")) {
+    const formats = FORMATS[group.dataset.of];
+    for (const option of [...group.children]) if (!formats.includes(option.value)) option.remove();
+  }
+  document.getElementById("gallery-title").dataset.text = "galleryHere";
+}
+
+adapt();

@@ -1,0 +1,169 @@
+"""The page without a service, in Chromium: from Python's file server, with every other address blocked."""
+
+import functools
+import http.server
+import re
+import shutil
+import subprocess
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import numpy as np
+import pytest
+import trimesh
+from playwright.sync_api import Browser, Page, expect
+
+from service.api.routes import viewer
+from tests.support import ROOT
+from tests.support.browsing import PICTURES, TIMEOUT_MS, TRIANGLES, photo
+from tests.support.gltf import check_valid
+
+LOCAL = ROOT / "service" / "viewer" / "local"
+TOLERANCE = 1e-3  # longest sides: of points whose photo was decoded and encoded elsewhere
+EXPORT = re.compile(r"^export (?:async function|function|class|const) (\w+)(\([^)]*\))?", re.MULTILINE)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write the static page, as `make static` does."""
+    folder = tmp_path_factory.mktemp("static") / "page"
+    node, npm = shutil.which("node"), shutil.which("npm")
+    assert node, "Node is not installed: tests/support/system.sh installs it"
+    assert npm, "npm is not installed: tests/support/system.sh installs it"
+    subprocess.run([npm, "run", "--silent", "--prefix", ROOT / "client" / "js", "build"], check=True)
+    subprocess.run([node, LOCAL / "build.mjs", folder], check=True)
+    return folder
+
+
+class Quiet(http.server.SimpleHTTPRequestHandler):
+    """Python's file server, without its log."""
+
+    def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - the name of the base class
+        pass
+
+
+@pytest.fixture(scope="module")
+def files(folder: Path) -> Iterator[str]:
+    """Serve the folder under a prefix; return the page's address."""
+    handler = functools.partial(Quiet, directory=folder.parent)
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield f"http://127.0.0.1:{server.server_port}/{folder.name}/"
+        server.shutdown()
+        thread.join()
+
+
+@pytest.fixture
+def alone(browser: Browser, files: str) -> Iterator[Page]:
+    """Open the static page; only its own files can be fetched, and nothing may fail."""
+    with browser.new_context(viewport={"width": 1280, "height": 1000}, accept_downloads=True) as context:
+        page = context.new_page()
+        page.set_default_timeout(TIMEOUT_MS)
+        expect.set_options(timeout=TIMEOUT_MS)
+        faults: list[str] = []
+        page.on("console", lambda message: faults.append(message.text) if message.type == "error" else None)
+        page.on("pageerror", lambda error: faults.append(str(error)))
+        page.on("requestfailed", lambda request: faults.append(request.url))
+        context.route(lambda url: not url.startswith((files, "blob:", "data:")), lambda route: route.abort())
+        page.emulate_media(reduced_motion="reduce")
+        page.goto(files)
+        yield page
+        assert faults == []
+
+
+def _choose(page: Page, path: Path) -> None:
+    page.locator("#file").set_input_files(path)
+    expect(page.locator("#count")).to_have_text(TRIANGLES)
+
+
+def _save(page: Page, name: str, folder: Path) -> Path:
+    """Save the file that the menu calls so."""
+    page.locator("#format").select_option(label=name)
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Download").click()
+    path = folder / download.value.suggested_filename
+    download.value.save_as(path)
+    return path
+
+
+@pytest.mark.parametrize("name", ["chair", "armchair"])
+def test_photo_of_the_demo_gives_the_points_of_the_service(
+    alone: Page, address: str, tmp_path: Path, name: str
+) -> None:
+    _choose(alone, photo(name))
+    assert "transparency" in (alone.locator("#framing figcaption").text_content() or "")
+    alone.get_by_role("switch", name="Surface").uncheck()
+    expect(alone.locator("#count")).to_have_text("100,000 points")
+    cloud = trimesh.load(_save(alone, "PLY: MeshLab, CloudCompare", tmp_path))
+    encoded = httpx.post(f"{address}/encode", content=photo(name).read_bytes(), timeout=60).json()
+    points = httpx.get(f"{address}/objects/{encoded['id']}/points?n=100000&format=f32", timeout=60).content
+    expected = np.frombuffer(points, "<f4").reshape(-1, 3)
+    assert np.abs(cloud.vertices - expected).max() < TOLERANCE
+    alone.screenshot(path=PICTURES / f"static-{name}.png", full_page=True)
+
+
+def test_function_of_the_page_is_one_that_the_service_takes(alone: Page, address: str, tmp_path: Path) -> None:
+    _choose(alone, photo("chair"))
+    weights = _save(alone, "safetensors: all of the object", tmp_path).read_bytes()
+    imported = httpx.post(f"{address}/objects", content=weights, timeout=60).json()
+    assert imported["kind"] == "imported"
+    check_valid(_save(alone, "GLB: web, Windows, Blender", tmp_path).read_bytes(), tmp_path)
+
+
+def test_example_photo_is_encoded_and_listed_with_a_picture(alone: Page) -> None:
+    alone.get_by_role("button", name="Bed").click()
+    expect(alone.locator("#count")).to_have_text(TRIANGLES)
+    card = alone.locator("#gallery li")
+    expect(card).to_have_count(1)
+    card.scroll_into_view_if_needed()
+    expect(card.locator("img").first).to_have_js_property("naturalWidth", 240)
+    expect(alone.locator("#gallery-title")).to_have_text("Objects in this tab")
+
+
+def test_two_objects_are_mixed_without_a_service(alone: Page) -> None:
+    for name in ("chair", "armchair"):
+        _choose(alone, photo(name))
+    mix = alone.locator("#gallery .mix")
+    expect(mix).to_have_count(2)
+    mix.nth(0).press("Enter")
+    mix.nth(1).press("Enter")
+    expect(alone.locator("#words button")).to_have_text(["A", "AB", "BA", "B"])
+    expect(alone.locator("#count")).to_contain_text("triangles")
+    alone.screenshot(path=PICTURES / "static-mix.png", full_page=True)
+
+
+def test_file_that_is_no_image_is_an_error_with_its_reason(alone: Page, tmp_path: Path) -> None:
+    (tmp_path / "note.png").write_text("no image")
+    alone.locator("#file").set_input_files(tmp_path / "note.png")
+    expect(alone.locator("#problem")).to_contain_text("cannot read the file as an image")
+
+
+def test_features_that_need_a_service_are_hidden(alone: Page) -> None:
+    _choose(alone, photo("chair"))
+    alone.get_by_text("Advanced").click()
+    for hidden in ('nav a[href="docs"]', "#link", "#robot", "#ar", "#keep", "#model", '[data-text="sameByCommand"]'):
+        expect(alone.locator(hidden)).to_be_hidden()
+    for line in alone.locator(".curl").all():
+        expect(line).to_be_hidden()
+    values = alone.locator("#format option").evaluate_all("(options) => options.map(({ value }) => value)")
+    assert values == ["glb", "ply", "glb", "f32", "safetensors"]
+
+
+def test_local_api_has_the_exports_of_the_pages_api() -> None:
+    exports = [
+        {name for name, _ in EXPORT.findall(path.read_text("utf-8"))}
+        for path in (LOCAL / "api.js", viewer.STATIC / "js" / "api.js")
+    ]
+    assert exports[0] == exports[1]
+
+
+def test_folder_refers_to_nothing_but_its_files(folder: Path) -> None:
+    page = (folder / "index.html").read_text("utf-8")
+    for name in re.findall(r'(?:src|href)="([^"#]+)"|"\./(viewer/[^"]+)": "|": "\./(viewer/[^"]+)"', page):
+        path = "".join(name)
+        assert (folder / path).is_file() or path == "docs", path
+    assert not list(folder.rglob("*.gz"))
+    assert "Content-Security-Policy" in page
