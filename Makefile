@@ -49,7 +49,7 @@ lint: .venv/dev.stamp ## style, types, layers of the code, Dockerfile
 	$(BIN)/mypy
 	$(BIN)/hadolint Dockerfile
 
-bench: .venv/bench.stamp ## measure sampler, decoders and service on an idle machine; writes benchmarks/RESULTS.md
+bench: .venv/bench.stamp $(BUNDLE) $(JS) ## measure sampler, decoders and service on an idle machine; writes benchmarks/RESULTS.md
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.speed.run
 	$(BIN)/python -m tests.project.quoted_figures
 

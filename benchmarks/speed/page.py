@@ -6,13 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.speed import bulk, photos
+from benchmarks.speed import bulk, clients, photos
 from benchmarks.speed.serving import LARGE, MIB, STREAMED, Figures
 from benchmarks.speed.timing import Seconds
 from benchmarks.targets import Target, targets_table
 from model.provenance import provenance
 
 SEED = 0
+LINE_BITS_S = 20e6  # of a mobile connection
 
 
 @dataclass
@@ -105,6 +106,26 @@ class Report:
         rows = "\n".join(f"| {name} | {1 / np.median(took):.1f} |" for name, took in ways.items())
         self._sections.append(
             f"## `hof encode-many`, {bulk.PHOTOS} photos of 512 x 512\n\n| way | photos/s |\n|---|---|\n{rows}"
+        )
+
+    def points_in_clients(self, figures: clients.Figures) -> None:
+        """Add bytes and milliseconds of points that are downloaded, or drawn where they are needed."""
+        ways = {
+            "points, downloaded": (figures.points_bytes, figures.download_s),
+            "weights, drawn in Node": (dict.fromkeys(figures.points_bytes, figures.weights_bytes), figures.draw_s),
+            "weights, drawn by WebGL2": (dict.fromkeys(figures.points_bytes, figures.weights_bytes), figures.card_s),
+        }
+        rows = "\n".join(
+            f"| {name} | {n:,} | {sizes[n]:,} | {1000 * np.median(times[n]):.1f} "
+            f"| {8000 * sizes[n] / LINE_BITS_S:.0f} |"
+            for n in figures.points_bytes
+            for name, (sizes, times) in ways.items()
+        )
+        self._sections.append(
+            "## Points in a JavaScript client: downloaded, or drawn from the weights\n\n"
+            f"Over loopback; weights are fetched each time. WebGL2 of Chromium: {figures.renderer}. The last column is "
+            f"what the bytes alone take on a line of {LINE_BITS_S / 1e6:.0f} Mbit/s.\n\n"
+            f"| way | n | bytes | ms | ms of the line |\n|---|---|---|---|---|\n{rows}"
         )
 
     def write(self, path: Path) -> None:

@@ -14,7 +14,7 @@ from unittest import mock
 import numpy as np
 import torch
 
-from benchmarks.speed import bulk, photos, serving
+from benchmarks.speed import bulk, clients, photos, serving
 from benchmarks.speed.networks import Network, deepsdf, foldingnet, mapping_network
 from benchmarks.speed.page import Report, draw_runtime
 from benchmarks.speed.rivals import RIVALS, Evaluate, Make, numpy_tiles
@@ -50,6 +50,7 @@ def main() -> int:
     if not arguments.quick:
         _serving_table(report, core, arguments.rounds)
         _photos_table(report, core, arguments.rounds)
+        report.points_in_clients(clients.measure(core, arguments.rounds))
     report.write(arguments.output / "RESULTS.md")
     print((arguments.output / "RESULTS.md").read_text("utf-8"), end="")
     return 0
