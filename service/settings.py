@@ -29,7 +29,7 @@ CGROUPS: Final = Path("/sys/fs/cgroup")
 MIB: Final = 2**20
 HOST_NAME: Final = r"(\*|[A-Za-z0-9._-]+)"
 PREFIX: Final = r"^(/[A-Za-z0-9._~-]+)+$"
-ORIGIN: Final = r"(\*|https?://[^/,\s*]+)"  # as browsers send it: no path, no trailing slash
+ORIGIN: Final = r"(\*|https?://[^/,;\s*]+)"  # as browsers send it: no path, no trailing slash
 
 
 def available_cpus() -> int:
@@ -193,6 +193,12 @@ class Settings(BaseSettings):
         default=None,
         pattern=rf"^{ORIGIN}(,{ORIGIN})*$",
         description="origins whose pages may call the service, separated by commas, for example `https://shop.example`",
+    )
+    embed_origins: str | None = Field(
+        default=None,
+        pattern=rf"^{ORIGIN}(,{ORIGIN})*$",
+        description="origins whose pages may show an object in a frame (`/embed`), separated by commas, for example "
+        "`https://shop.example`; `*` for any",
     )
     allowed_hosts: str | None = Field(
         default=None,

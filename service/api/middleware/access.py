@@ -20,6 +20,7 @@ OPEN: Final = frozenset(
     {
         "/",
         "/docs",
+        "/embed",
         "/openapi.json",
         "/viewer/{path:path}",
         "/health/live",

@@ -1,6 +1,7 @@
-"""The page at / and the API's documentation at /docs: static files that load nothing from other origins.
+"""The page at /, an object alone at /embed, and the API's documentation at /docs.
 
-Their libraries, three.js and Swagger UI, are put into service/viewer/static/bundle when the package is built.
+They are static files that load nothing from other origins. Their libraries, three.js and Swagger UI, are put into
+service/viewer/static/bundle when the package is built.
 """
 
 import base64
@@ -23,14 +24,18 @@ from service.errors import NotFound
 
 STATIC: Final = Path(__file__).resolve().parents[2] / "viewer" / "static"
 BUNDLE: Final = STATIC / "bundle"
+EMBED: Final = "embed.html"
+NOBODY: Final = "'none'"
 NOT_BUILT: Final = (
     "this page was left out when the service was installed, because npm was missing: install Node.js, then install the "
     "service again (`make clean serve`, or `pip install .`)"
 )
 
 
-def content_security_policy(page: str) -> str:
+def content_security_policy(page: str, ancestors: str = NOBODY) -> str:
     """Return the Content-Security-Policy of an HTML page: its own origin, and its import map as the only inline script.
+
+    `ancestors` are the pages that may show it in a frame.
 
     Import maps must be inline (HTML standard, section 8.1.5.3), so the policy names the map by its digest.
     """
@@ -39,7 +44,7 @@ def content_security_policy(page: str) -> str:
     scripts = " ".join(["'self'", *(f"'sha256-{digest}'" for digest in digests)])
     return (
         f"default-src 'none'; script-src {scripts}; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; "
-        "base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
+        f"base-uri 'none'; form-action 'self'; frame-ancestors {ancestors}"
     )
 
 
@@ -85,6 +90,15 @@ async def _viewer(request: Request) -> Response:
     return await _page("index.html", request)
 
 
+async def _embed(request: Request) -> Response:
+    response = await _page(EMBED, request)
+    origins = request.app.state.settings.embed_origins
+    if origins:
+        policy = content_security_policy((STATIC / EMBED).read_text("utf-8"), origins.replace(",", " "))
+        response.headers["Content-Security-Policy"] = policy
+    return response
+
+
 async def _docs(request: Request) -> Response:
     return await _page("docs.html", request)
 
@@ -98,5 +112,6 @@ async def _page(name: str, request: Request) -> Response:
 routes: Final[list[BaseRoute]] = [
     Route("/", _viewer),
     Route("/docs", _docs),
+    Route("/embed", _embed),
     Mount("/viewer", _pages),
 ]

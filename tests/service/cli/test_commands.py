@@ -250,6 +250,7 @@ def _values_of_all_settings(model_path: Path, u2net_home: Path, folder: Path) ->
         "metrics": "key",
         "rate_limit": "8/minute",
         "cors_origins": "https://a.example",
+        "embed_origins": "https://a.example",
         "log_level": "debug",
         "log_format": "text",
     }

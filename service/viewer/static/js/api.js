@@ -5,6 +5,7 @@ import { askForKey, authorization } from "./key.js";
 import { notify } from "./notice.js";
 import { text } from "./text.js";
 
+const ADDRESS = /^#\/objects\/(\w+)$/; // of an object, after the page's own
 const BUSY = [429, 503];
 const TRIES = 6; // of a call that the service is too busy for
 const MAX_WAIT_S = 60;
@@ -82,6 +83,17 @@ export async function encode(photo, query, signal) {
   const form = new FormData();
   form.append("image", photo);
   return (await call(encodePath(query), { method: "POST", body: form, signal })).json();
+}
+
+/** The id in the page's address; undefined without one. */
+export function addressedId() {
+  return ADDRESS.exec(location.hash)?.[1];
+}
+
+/** Whether pages of other sites may show an object of this service in a frame. */
+export async function isEmbeddable() {
+  const policy = (await call("embed", { method: "HEAD" })).headers.get("Content-Security-Policy");
+  return !policy.includes("frame-ancestors 'none'");
 }
 
 /** Fetch one object by its id. */

@@ -18,6 +18,7 @@ export function curlAuthorization() {
 /** Ask for a key, with one dialog for all waiting calls. Returns whether a key was entered.
  * `isWrong`: the service refused the key that was entered before. */
 export function askForKey(isWrong) {
+  if (!dialog) return Promise.resolve(false); // in a frame of another page
   document.getElementById("key-wrong").hidden = !isWrong;
   pending ??= new Promise((done) => {
     dialog.returnValue = "";

@@ -1,5 +1,5 @@
 // The page: encode a photo, show objects, mix two of them.
-import { compose, fetchObject, wordBody } from "./api.js";
+import { addressedId, compose, fetchObject, wordBody } from "./api.js";
 import { showCurl } from "./curl.js";
 import { markCards, reloadGallery, startGallery, updateCard } from "./gallery/gallery.js";
 import { hideName, showName, startNaming } from "./object/name.js";
@@ -9,7 +9,6 @@ import { attempt } from "./problem.js";
 import { translatePage } from "./text.js";
 import { clearView, focusStage, showObject, showWords, startView, stopWorking } from "./object/view.js";
 
-const ADDRESS = /^#\/objects\/(\w+)$/; // of an object, after the page's own
 const galleryLine = document.querySelector('.curl[data-of="gallery"]');
 
 /** Show an object and put its id into the page's address. */
@@ -69,7 +68,7 @@ function formula(word) {
 
 /** Show the object of the page's address. Returns whether it names one. */
 async function showAddressed() {
-  const id = ADDRESS.exec(location.hash)?.[1];
+  const id = addressedId();
   if (id) {
     hidePhoto();
     show(await fetchObject(id));

@@ -16,8 +16,8 @@ export function number(value) {
   return value.toLocaleString(language);
 }
 
-/** Translate index.html, and offer the languages. */
-export function translatePage() {
+/** Translate the texts of a page. */
+export function translateTexts() {
   document.documentElement.lang = language;
   for (const element of document.querySelectorAll("[data-text]")) {
     if (element.tagName === "OPTGROUP") element.label = text(element.dataset.text);
@@ -28,6 +28,11 @@ export function translatePage() {
     element.placeholder = text(element.dataset.placeholder);
   }
   for (const element of document.querySelectorAll("[data-alt]")) element.alt = text(element.dataset.alt);
+}
+
+/** Translate index.html, and offer the languages. */
+export function translatePage() {
+  translateTexts();
   const select = document.getElementById("language");
   select.append(...Object.entries(LANGUAGES).map(([code, texts]) => new Option(texts.language, code)));
   select.value = language;

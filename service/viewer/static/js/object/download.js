@@ -3,6 +3,7 @@ import { fetchFile, filePath } from "../api.js";
 import { showCurl } from "../curl.js";
 import { attempt } from "../problem.js";
 import { hideAr, showAr, startAr } from "./ar.js";
+import { hideEmbedding, showEmbedding, startEmbedding } from "./embed.js";
 
 const form = document.getElementById("download");
 const format = document.getElementById("format");
@@ -17,6 +18,7 @@ let chosen; // returns {object, points: {n, seed}, inColor}
 export function startDownloads(shown) {
   chosen = shown;
   startAr(shown);
+  startEmbedding();
   format.addEventListener("change", showDownloads);
   form.addEventListener("submit", (event) => {
     event.preventDefault();
@@ -28,6 +30,7 @@ export function startDownloads(shown) {
 export function showDownloads() {
   form.hidden = false;
   showAr();
+  showEmbedding(chosen().object);
   const { path, suffix } = chosenFile();
   showCurl(line, `-o object.${suffix}`, path);
 }
@@ -36,6 +39,7 @@ export function showDownloads() {
 export function hideDownloads() {
   form.hidden = line.hidden = true;
   hideAr();
+  hideEmbedding();
 }
 
 /** Choose the first format of a group: `mesh`, `points` or `weights`. */
