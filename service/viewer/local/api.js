@@ -155,8 +155,9 @@ function parsed(path) {
 /** Leave out what needs a service, before the page starts: file formats, and the title of the list of objects. */
 function adapt() {
   for (const group of document.querySelectorAll("#format optgroup")) {
-    const formats = FORMATS[group.dataset.of];
+    const formats = FORMATS[group.dataset.of] ?? [];
     for (const option of [...group.children]) if (!formats.includes(option.value)) option.remove();
+    if (!group.children.length) group.remove();
   }
   document.getElementById("gallery-title").dataset.text = "galleryHere";
 }
