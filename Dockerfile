@@ -33,6 +33,18 @@ RUN pip wheel --no-cache-dir --no-deps --wheel-dir /wheels . \
     && /opt/hof/bin/pip install --no-cache-dir --no-deps /wheels/hof_service-*.whl \
     && /opt/hof/bin/pip check
 
+# Nothing that runs needs these: pip, tests of packages, and onnxruntime for C programs, a second copy of 35 MB.
+RUN /opt/hof/bin/pip uninstall --yes pip setuptools \
+    && find /opt/hof/lib -type d -name tests -prune -exec rm -r {} + \
+    && rm /opt/hof/lib/python3.11/site-packages/onnxruntime/capi/libonnxruntime.so.*
+
+# Debian's PgBouncer, which the tests use too; only compose.yaml builds this stage.
+FROM python:3.11.14-slim-bookworm@sha256:65a93d69fa75478d554f4ad27c85c1e69fa184956261b4301ebaf6dbb0a3543d AS pgbouncer
+RUN apt-get update \
+    && apt-get install --yes --no-install-recommends "pgbouncer=1.18.*" \
+    && rm -rf /var/lib/apt/lists/*
+CMD ["pgbouncer", "/etc/pgbouncer/hof.ini"]
+
 FROM python:3.11.14-slim-bookworm@sha256:65a93d69fa75478d554f4ad27c85c1e69fa184956261b4301ebaf6dbb0a3543d
 COPY --from=build /opt/hof /opt/hof
 COPY --from=build /u2net/rembg/u2netp.onnx /opt/hof/u2netp.onnx

@@ -119,6 +119,11 @@ class Settings(BaseSettings):
     database_connections: int = Field(
         default=DATABASE_CONNECTIONS, ge=1, le=1000, description="maximum connections of one process to PostgreSQL"
     )
+    store_dtype: Literal["float32", "float16"] = Field(
+        default="float32",
+        description="numbers of new objects in the database: `float32`, or `float16`, half the bytes; an object of "
+        "which float16 would move a point by more than a thousandth of its longest side keeps float32",
+    )
     model: Paths = Field(
         default_factory=shipped_models,
         min_length=1,

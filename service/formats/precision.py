@@ -80,10 +80,15 @@ def loss_of(spec: MappingSpec, theta: Array, restored: Array, frame: Frame) -> L
     ------
     CorruptWeights : the values of a function exceed float32.
     """
-    x = canonical_points(spec.domain, LOSS_POINTS)
-    exact, moved = (Sampler(spec, word_of(spec, each)).map(x).astype(np.float64) for each in (theta, restored))
+    exact, moved = (probe_points(spec, each) for each in (theta, restored))
     distances = np.linalg.norm(moved - exact, axis=1) / frame.unit
     return Loss(float(distances.mean()), float(distances.max()))
+
+
+def probe_points(spec: MappingSpec, theta: Array) -> npt.NDArray[np.float64]:
+    """Return the points of a function, or of a word, whose movement is measured: (LOSS_POINTS, 3)."""
+    x = canonical_points(spec.domain, LOSS_POINTS)
+    return Sampler(spec, word_of(spec, theta)).map(x).astype(np.float64)
 
 
 def _parts(spec: MappingSpec) -> list[slice]:

@@ -18,7 +18,8 @@ import numpy as np
 
 from service.errors import CorruptWeights, InvalidParameter
 from service.formats import onnx, tensors
-from service.formats.precision import Dtype, Loss, from_int8, loss_of, scales_of, to_float16, to_int8
+from service.formats.precision import Dtype, Loss, from_int8, loss_of, scales_of, to_int8
+from service.formats.rounding import close_float16
 from service.formats.tensors import Stored, Tensors
 from service.mapping.frame import Frame
 from service.mapping.spec import Array, Color, Functions, MappingSpec, check_color_spec
@@ -211,7 +212,7 @@ def _to_tensors(name: str, spec: MappingSpec, weights: Array, dtype: Dtype) -> d
         case "float32":
             return {name: weights}
         case "float16":
-            return {name: to_float16(weights)}
+            return {name: close_float16(spec, weights)}
         case "int8":
             numbers, scales = to_int8(spec, weights)
             return {f"{name}_scales": scales, name: numbers}

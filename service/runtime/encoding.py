@@ -11,6 +11,7 @@ from typing import Final
 from service.encoding.encoder import Encoded, Encoder
 from service.encoding.framing import Background, Framed, Framing, preprocess
 from service.errors import HofError
+from service.formats.rounding import rounded
 from service.mapping.box import measure
 from service.mapping.frame import Frame
 from service.runtime.composition import mean_of
@@ -47,6 +48,8 @@ async def encode_all(runtime: Runtime, encoder: Encoder, views: Sequence[Framed]
     """Return the functions of an object that is seen in one view or several, and the box that they fill."""
     batcher = runtime.batchers[encoder.name]
     functions = averaged(await asyncio.gather(*(batcher.encode(view.tensor) for view in views)))
+    if runtime.settings.store_dtype != "float32":
+        functions = await runtime.run(rounded, encoder.spec, functions, runtime.settings.store_dtype)
     return functions, await runtime.run(measure, encoder.spec, functions.theta)
 
 

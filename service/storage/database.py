@@ -46,7 +46,8 @@ objects: Final = Table(
     Column("model", Text, nullable=False),
     Column("spec", Text, nullable=False),
     Column("members", Text, nullable=False),  # ids of the objects it was made from, in order, separated by spaces
-    Column("theta", LargeBinary),  # NULL for a composed object: its word is in `members`
+    # NULL for a composed object: its word is in `members`. 2 bytes a number if float16 holds all exactly, else 4.
+    Column("theta", LargeBinary),
     Column("color", LargeBinary, nullable=True),  # NULL without color, and for a composed object
     Column("color_spec", Text, nullable=True),  # NULL without color
     Column("frame", LargeBinary, nullable=True),  # NULL until an object of an older version is first read

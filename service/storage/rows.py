@@ -179,14 +179,20 @@ def entry_of(row: Row[Any]) -> Entry:
 
 def functions_of(row: Row[Any]) -> Functions:
     """Return theta, and any color, of a row of `WHOLE`; not for composed objects, which have no theta."""
+    theta = _array(row.theta, _spec(row.spec))
     if row.color is None:
-        return Functions(_array(row.theta))
-    return Functions(_array(row.theta), Color(_spec(row.color_spec), _array(row.color)))
+        return Functions(theta)
+    color_spec = _spec(row.color_spec)
+    return Functions(theta, Color(color_spec, _array(row.color, color_spec)))
 
 
 def _bytes(array: Array) -> bytes:
-    return np.ascontiguousarray(array, dtype="<f4").tobytes()
+    """Return the numbers in 2 bytes each if float16 holds all of them exactly, else in 4."""
+    with np.errstate(over="ignore"):
+        half = array.astype("<f2")
+    return (half if np.array_equal(half, array) else np.ascontiguousarray(array, dtype="<f4")).tobytes()
 
 
-def _array(data: bytes) -> Array:
-    return np.frombuffer(data, dtype="<f4").astype(np.float32, copy=False)
+def _array(data: bytes, spec: MappingSpec) -> Array:
+    dtype = "<f2" if len(data) == 2 * spec.size else "<f4"
+    return np.frombuffer(data, dtype).astype(np.float32, copy=False)

@@ -1,16 +1,21 @@
 """The manifests of deploy/ fit the service: settings, probes, paths, bounds and image. No cluster is needed."""
 
+import copy
 import json
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import kubernetes_validate
 import pytest
 import yaml
 
 from service import __version__
 from service.encoding.decode import WORKING_BYTES
+from service.encoding.encoder import Encoder
 from service.settings import MIB, Settings
+from tests.project.image_size import image_mb
 
 ROOT = Path(__file__).parents[2]
 DEPLOY = ROOT / "deploy"
@@ -22,6 +27,8 @@ MANIFESTS: dict[str, dict[str, Any]] = {
 POD = MANIFESTS["deployment.yaml"]["spec"]["template"]
 (CONTAINER,) = POD["spec"]["containers"]
 POSTGRES_CONNECTIONS = 100 - 3  # max_connections less superuser_reserved_connections, by default
+KUBERNETES = ("1.27", "1.37")  # the oldest and the newest version whose schemas are tried
+RESOURCES = {name: manifest for name, manifest in MANIFESTS.items() if name != "kustomization.yaml"}
 LABELS = {"app.kubernetes.io/name": "hof"}
 
 
@@ -38,6 +45,35 @@ def test_manifest_is_applied_or_an_example() -> None:
     applied = MANIFESTS["kustomization.yaml"]["resources"]
     assert {*applied, "kustomization.yaml", "ingress.yaml"} == set(MANIFESTS)
     assert all(manifest["apiVersion"] and manifest["kind"] for manifest in MANIFESTS.values())
+
+
+@pytest.mark.parametrize("version", KUBERNETES)
+@pytest.mark.parametrize("name", RESOURCES)
+def test_manifest_is_valid_by_the_schemas_of_kubernetes(name: str, version: str) -> None:
+    kubernetes_validate.validate(RESOURCES[name], version, strict=True)
+
+
+def _places(value: object, path: tuple[str | int, ...] = ()) -> Iterator[tuple[str | int, ...]]:
+    """Yield where the fields of a manifest are. Labels have any name, and so have resources."""
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            if "/" not in key and path[-1:] not in (("limits",), ("requests",)):
+                yield (*path, key)
+                yield from _places(inner, (*path, key))
+    elif isinstance(value, list):
+        for index, inner in enumerate(value):
+            yield from _places(inner, (*path, index))
+
+
+@pytest.mark.parametrize("name", RESOURCES)
+def test_manifest_with_a_misspelled_field_is_invalid(name: str) -> None:
+    for path in _places(RESOURCES[name]):
+        manifest = inner = copy.deepcopy(RESOURCES[name])
+        for key in path[:-1]:
+            inner = inner[key]
+        inner[f"{path[-1]}s"] = inner.pop(path[-1])
+        with pytest.raises((kubernetes_validate.ValidationError, KeyError)):  # KeyError: no kind, or no apiVersion
+            kubernetes_validate.validate(manifest, KUBERNETES[-1], strict=True)
 
 
 def test_image_tag_is_the_version() -> None:
@@ -162,3 +198,17 @@ def test_ingress_has_the_paths_of_clients_alone() -> None:
     assert prefixes == {"/objects", "/v2", "/viewer"}  # of which alone there are paths below
     services = {path["backend"]["service"]["name"] for path in rule["http"]["paths"]}
     assert services == {MANIFESTS["service.yaml"]["metadata"]["name"]}
+
+
+def test_library_that_the_image_lacks_is_not_loaded(model_path: Path) -> None:
+    Encoder.open(model_path, threads=1)
+    libraries = Path("/proc/self/maps").read_text()
+    assert "onnxruntime_pybind11_state" in libraries
+    assert not re.search(r"libonnxruntime\.so\.\d", libraries)
+    assert re.search(r"rm \S+/libonnxruntime\.so\.\*$", DOCKERFILE, re.MULTILINE)
+
+
+def test_image_is_smaller_than_400_mb() -> None:
+    parts = image_mb()
+    assert parts["onnxruntime"] > 10  # the packages are weighed
+    assert sum(parts.values()) < 400

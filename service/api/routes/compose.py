@@ -1,6 +1,7 @@
 """POST /compose: new objects made of stored ones."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Annotated, Final
 
 from fastapi import APIRouter, Query
@@ -16,6 +17,7 @@ from service.api.responses.objects import ComposedObjects, StoredObject
 from service.api.wire.disconnects import while_connected
 from service.api.wire.json_bodies import read_json
 from service.errors import NotFound
+from service.formats.rounding import StoreDtype, rounded
 from service.mapping.box import PROBE_POINTS
 from service.mapping.spec import Functions
 from service.runtime.composition import Proposal, check_records, examine_all, propose, with_functions
@@ -113,10 +115,14 @@ async def _make(
     check_cost(n, cost, runtime.settings.max_points, "objects")
     with runtime.gates.points.admit(max(n, PROBE_POINTS * len(members)) * cost, client_of(request.scope)):
         functions = {object_id: (await runtime.store.get(object_id))[1] for object_id in {each.id for each in members}}
-        proposals = await while_connected(request, runtime.run(_examine_fresh, fresh, functions))
+        dtype = runtime.settings.store_dtype
+        proposals = await while_connected(request, runtime.run(_examine_fresh, fresh, functions, dtype))
         return await runtime.store.put_all([(proposal.record, proposal.own) for proposal in proposals])
 
 
-def _examine_fresh(fresh: Sequence[Record], functions: Mapping[str, Functions]) -> list[Proposal]:
+def _examine_fresh(fresh: Sequence[Record], functions: Mapping[str, Functions], dtype: StoreDtype) -> list[Proposal]:
     """Return the new objects with their functions and frames. Raises InvalidParameter if points exceed float32."""
-    return examine_all([with_functions(record, functions) for record in fresh])
+    proposals = [with_functions(record, functions) for record in fresh]
+    return examine_all(
+        [replace(each, own=rounded(each.record.spec, each.own, dtype)) if each.own else each for each in proposals]
+    )

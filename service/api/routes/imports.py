@@ -16,9 +16,11 @@ from service.api.responses.objects import StoredObject
 from service.api.wire.disconnects import while_connected
 from service.api.wire.uploads import read_body
 from service.errors import InvalidParameter
+from service.formats.rounding import StoreDtype, rounded
 from service.formats.weights import Weights, load
 from service.mapping.box import PROBE_POINTS, examine
 from service.mapping.frame import Frame
+from service.mapping.spec import Functions, MappingSpec
 from service.runtime.cost import cost_of
 from service.runtime.frames import complete_record
 from service.storage.ids import imported_id
@@ -64,8 +66,9 @@ async def import_object(
         spec, functions, color = weights.spec, weights.functions, weights.color
         cost = cost_of(spec, [color.spec] if color else [])
         with gates.points.admit(PROBE_POINTS * cost, client):
-            frame = await while_connected(request, runtime.run(examine, spec, functions))
-        record, is_new = await runtime.store.put(_record(weights, frame), functions)
+            dtype = runtime.settings.store_dtype
+            functions, frame = await while_connected(request, runtime.run(_examine, spec, functions, dtype))
+        record, is_new = await runtime.store.put(_record(weights, functions, frame), functions)
         record, _ = await complete_record(runtime, record, client=client)
     answer = StoredObject.of(record, runtime.settings.root_path)
     if is_new:
@@ -82,7 +85,14 @@ def _load_one_function(body: bytes) -> Weights:
     return weights
 
 
-def _record(weights: Weights, frame: Frame) -> Record:
+def _examine(spec: MappingSpec, functions: Functions, dtype: StoreDtype) -> tuple[Functions, Frame]:
+    """Return the functions as they are stored, and their frame. Raises CorruptWeights if values exceed float32."""
+    frame = examine(spec, functions)
+    kept = rounded(spec, functions, dtype)
+    return kept, frame if kept is functions else examine(spec, kept)
+
+
+def _record(weights: Weights, functions: Functions, frame: Frame) -> Record:
     color_spec = weights.color.spec if weights.color else None
-    id_ = imported_id(weights.spec, weights.functions)
+    id_ = imported_id(weights.spec, functions)
     return Record(id_, "imported", weights.model, weights.spec, datetime.now(UTC), color_spec=color_spec, frame=frame)

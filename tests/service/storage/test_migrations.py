@@ -19,7 +19,7 @@ from tests.support.systems.postgres import EVERY_DATABASE, Postgres
 pytestmark = EVERY_DATABASE
 
 DATA = Path(__file__).parent / "schemas"
-HEAD = "0005"
+HEAD = "0006"
 SPEC = MappingSpec("tiny", 3, (2,), 3, k=2)
 
 

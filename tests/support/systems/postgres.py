@@ -33,8 +33,8 @@ class Postgres:
         self.folder = folder
         self.port = port
         self._options = f"-k {folder} -h 127.0.0.1 -p {port} {FAST} {options}"
-        control = [_tool("pg_ctl"), "-D", str(folder / "data"), "-w", "-t", str(START_TIMEOUT_S)]
-        self._control = [*_unprivileged(), *control]
+        control = [tool("pg_ctl"), "-D", str(folder / "data"), "-w", "-t", str(START_TIMEOUT_S)]
+        self._control = [*unprivileged(), *control]
         self._names = (f"hof_{number}" for number in count(1))
 
     def create(self) -> str:
@@ -46,7 +46,7 @@ class Postgres:
     def run(self, sql: str, database: str) -> str:
         """Run SQL and return the output of psql."""
         connection = ["-h", "127.0.0.1", "-p", str(self.port), "-U", USER, "-d", database]
-        command = [_tool("psql"), *connection, "-X", "-q", "-A", "-t", "-v", "ON_ERROR_STOP=1", "-c", sql]
+        command = [tool("psql"), *connection, "-X", "-q", "-A", "-t", "-v", "ON_ERROR_STOP=1", "-c", sql]
         environment = {**os.environ, "PGOPTIONS": "-c default_transaction_read_only=off -c statement_timeout=0"}
         return subprocess.run(command, check=True, capture_output=True, text=True, env=environment).stdout.strip()
 
@@ -75,8 +75,8 @@ class Postgres:
         """Run a copy of this server that follows it and accepts no writes, until the block ends."""
         with _folder() as folder:
             source = ["-h", "127.0.0.1", "-p", str(self.port), "-U", USER]
-            copy = [_tool("pg_basebackup"), *source, "-D", str(folder / "data"), "-R", "-c", "fast", "--no-sync"]
-            subprocess.run([*_unprivileged(), *copy], check=True, capture_output=True, cwd=folder)
+            copy = [tool("pg_basebackup"), *source, "-D", str(folder / "data"), "-R", "-c", "fast", "--no-sync"]
+            subprocess.run([*unprivileged(), *copy], check=True, capture_output=True, cwd=folder)
             with _started(folder, "") as server:
                 yield server
 
@@ -99,9 +99,9 @@ class Postgres:
             f"listen_port={port}\nunix_socket_dir=\nauth_type=any\npool_mode=transaction\n"
             f"default_pool_size={connections}\n"
         )
-        with subprocess.Popen([*_unprivileged(), _tool("pgbouncer"), "--quiet", str(path)]) as process:
+        with subprocess.Popen([*unprivileged(), tool("pgbouncer"), "--quiet", str(path)]) as process:
             try:
-                _wait_for(port, process)
+                wait_for_port(port, process)
                 yield url.replace(f":{self.port}/", f":{port}/")
             finally:
                 process.terminate()
@@ -111,8 +111,8 @@ class Postgres:
 def running_postgres(options: str = "") -> Iterator[Postgres]:
     """Run the server until the block ends. It is quick because it writes nothing safe from a crash of the machine."""
     with _folder() as folder:
-        setup = [_tool("initdb"), "-D", str(folder / "data"), "-U", USER, "-A", "trust", "-E", "UTF8", "--no-sync"]
-        subprocess.run([*_unprivileged(), *setup], check=True, capture_output=True, cwd=folder)
+        setup = [tool("initdb"), "-D", str(folder / "data"), "-U", USER, "-A", "trust", "-E", "UTF8", "--no-sync"]
+        subprocess.run([*unprivileged(), *setup], check=True, capture_output=True, cwd=folder)
         with _started(folder, options) as server:
             yield server
 
@@ -138,11 +138,12 @@ def _started(folder: Path, options: str) -> Iterator[Postgres]:
         server.stop("immediate")
 
 
-def _unprivileged() -> list[str]:
+def unprivileged() -> list[str]:
+    """Return what runs a command as a user that the servers accept."""
     return ["setpriv", f"--reuid={USER}", f"--regid={USER}", "--clear-groups"] if os.geteuid() == 0 else []
 
 
-def _tool(name: str) -> str:
+def tool(name: str) -> str:
     """Return a program on the path, or of the newest PostgreSQL where Debian puts it."""
     folders = sorted(Path("/usr/lib/postgresql").glob("*/bin"), key=lambda folder: int(folder.parent.name))
     path = shutil.which(name, path=os.pathsep.join([*map(str, reversed(folders)), os.environ["PATH"], "/usr/sbin"]))
@@ -150,7 +151,7 @@ def _tool(name: str) -> str:
     return path
 
 
-def _wait_for(port: int, process: subprocess.Popen[bytes]) -> None:
+def wait_for_port(port: int, process: subprocess.Popen[bytes]) -> None:
     """Wait until the port accepts a connection."""
     deadline = time.monotonic() + START_TIMEOUT_S
     while time.monotonic() < deadline:
