@@ -68,7 +68,8 @@ def _places(value: object, path: tuple[str | int, ...] = ()) -> Iterator[tuple[s
 @pytest.mark.parametrize("name", RESOURCES)
 def test_manifest_with_a_misspelled_field_is_invalid(name: str) -> None:
     for path in _places(RESOURCES[name]):
-        manifest = inner = copy.deepcopy(RESOURCES[name])
+        manifest = copy.deepcopy(RESOURCES[name])
+        inner: Any = manifest
         for key in path[:-1]:
             inner = inner[key]
         inner[f"{path[-1]}s"] = inner.pop(path[-1])
