@@ -12,7 +12,7 @@ import httpx
 import numpy as np
 import pytest
 from PIL import Image
-from playwright.sync_api import Browser, ConsoleMessage, Page, expect, sync_playwright
+from playwright.sync_api import Browser, ConsoleMessage, Page, Playwright, expect, sync_playwright
 
 from service.settings import SHIPPED_MODEL, Settings
 from tests.support import ROOT
@@ -39,13 +39,18 @@ Picture = np.ndarray[tuple[int, ...], np.dtype[np.int16]]
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
     """Start Chromium without a window."""
-    chromium = shutil.which("chromium")
-    assert chromium, "the page is tested in Debian's chromium: tests/support/system.sh installs it"
     PICTURES.mkdir(parents=True, exist_ok=True)
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=WEBGL)
+        browser = launched(playwright)
         yield browser
         browser.close()
+
+
+def launched(playwright: Playwright) -> Browser:
+    """Start Chromium without a window."""
+    chromium = shutil.which("chromium")
+    assert chromium, "the page is tested in Debian's chromium: tests/support/system.sh installs it"
+    return playwright.chromium.launch(executable_path=chromium, args=WEBGL)
 
 
 @pytest.fixture(scope="module")
