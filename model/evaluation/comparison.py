@@ -94,8 +94,16 @@ def run_record(
 
 
 def run_answer(run: Path, seed: int = 0) -> Answer:
-    """Return a function that answers as a trained network of any method does. Raises FileNotFoundError."""
+    """Return a function that answers as a trained network of any method does.
+
+    Raises
+    ------
+    FileNotFoundError : no checkpoint.
+    ValueError : the network answers in the camera's frame, which the true points are not in.
+    """
     network, config, _ = load_network(chosen_checkpoint(run))
+    if config.frame == "camera":
+        raise ValueError(f"{run} was trained with --frame camera: `hof-model paper frame` measures such runs")
     predict = predictor(network, config)
 
     def answer(photo: bytes, n: int) -> Floats:

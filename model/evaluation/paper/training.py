@@ -12,7 +12,6 @@ from model.training.device.loop import train_on_device
 from model.training.device.placement import uses_device_loop
 from model.training.parts import has_checkpoint, load_checkpoint
 from model.training.state import share_spent
-from model.training.train import train
 
 
 def configs(suite: Suite, common: TrainConfig, seed: int) -> dict[str, TrainConfig]:
@@ -61,6 +60,8 @@ def train_suite(
                 if not is_finished(folder, config):
                     return None
             else:
+                from model.training.train import train  # needs more than a machine with a GPU may have
+
                 train(data, folder, config)
     return folders
 

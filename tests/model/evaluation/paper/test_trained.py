@@ -1,5 +1,7 @@
 """Experiments that train: variants that differ as they should, runs that resume, records, verdicts."""
 
+import subprocess
+import sys
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -19,6 +21,7 @@ from model.evaluation.paper.training import configs, is_finished, run_folder, tr
 from model.networks.decoders import make_network
 from model.report.paper.trained import section, verdict
 from model.training.device.data import load_data
+from model.training.state import RunState
 from tests.support.small import data as small_data
 from tests.support.small.network import ENCODER
 
@@ -94,6 +97,31 @@ def test_frame_from_shards_reads_their_cameras(data: Path, tmp_path: Path) -> No
     (packed / CAMERAS).unlink()
     with pytest.raises(FileNotFoundError, match="again, which adds it"):
         load_data(Path("none"), config, DeviceOptions(device="cpu", packed=str(packed), workers=1))
+
+
+MISSING = ("scipy", "tqdm", "onnx", "onnxruntime", "trimesh", "pyvista", "pebble", "matplotlib", "skimage", "sklearn")
+
+
+@pytest.mark.slow
+def test_training_alone_needs_torch_numpy_and_pillow_alone(data: Path, tmp_path: Path) -> None:
+    packed = tmp_path / "packed"
+    pack([data], packed, PackOptions(SMALL.framing, variants=False, made=False), processes=1)
+    flags = ["--packed", str(packed), "--workers", "1", "--runs", str(tmp_path / "runs"), "--train-only"]
+    command = ["paper", "parts", "--steps", "1", "--device", "cpu", *flags, *FLAGS, *SIZES]
+    hide = f"import sys; sys.modules.update(dict.fromkeys({MISSING!r}))"
+    code = f"{hide}; from model.cli import main; sys.exit(main(sys.argv[1:]))"
+    done = subprocess.run([sys.executable, "-c", code, *command], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert len(list((tmp_path / "runs" / "parts").glob("*/last.pt"))) == 4
+
+
+@pytest.mark.slow
+def test_evaluate_refuses_a_run_in_the_cameras_frame(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    RunState(replace(SMALL, frame="camera")).save(tmp_path, 0.0)
+    assert cli.main(["evaluate", "--run", str(tmp_path), "--data", str(data)]) == 2
+    assert "`hof-model paper frame` measures such runs" in capsys.readouterr().err
 
 
 @pytest.mark.slow
