@@ -12,7 +12,7 @@ from service.encoding.framing import Framing
 from service.mapping.spec import HOF_1, Domain, MappingSpec
 
 Method = Literal["hof", "deepsdf", "foldingnet", "direct", "atlasnet_sphere", "atlasnet_25"]
-Trunk = Literal["dense", "lite0", "resnet18"]
+Trunk = Literal["dense", "lite0", "resnet18", "pointnet"]
 Predicted = Literal["all", "first_layer", "biases", "first_bias"]
 ProjectionForm = Literal["travel", "nearest"]
 Frame = Literal["object", "camera"]
@@ -50,17 +50,30 @@ class EncoderConfig:
         (1024, 1024, 1024), "widths of the fully connected layers after the trunk", least=1
     )
     rank: int = option(256, "width of the bottleneck before theta; 0 is the paper's full rank, a 50 MB file", least=0)
-    trunk: Trunk = option("dense", "paper's DenseNet, its ResNet18, or EfficientNet-Lite0 trained on ImageNet")  # noqa: RUF009 - a field
+    trunk: Trunk = option(  # noqa: RUF009 - a field
+        "dense",
+        "paper's DenseNet, its ResNet18, EfficientNet-Lite0 trained on ImageNet, or PointNet, which sees points of a "
+        "part of the surface in place of an image",
+    )
     frozen: int = option(3, "first blocks of Lite0 that are not trained", least=0)
     joined_maps: int = option(96, "maps that Lite0's last maps are reduced to", least=1)
     fine_maps: int = option(0, "maps that Lite0's maps of half the stride are reduced to; 0: not used", least=0)
     predicted: Predicted = option(  # noqa: RUF009 - a field
         "all", "part of theta that depends on the image; the rest is learned, and the same for all images"
     )
+    point_maps: tuple[int, ...] = option(
+        (128, 256, 512, 1024), "maps of PointNet's four layers; its input is of 64 to 2,048 points", least=1
+    )
+
+    @property
+    def takes_points(self) -> bool:
+        """Whether the encoder's input is points, not an image."""
+        return self.trunk == "pointnet"
 
 
 DENSE: Final = EncoderConfig()
 LITE0: Final = EncoderConfig(trunk="lite0", fully_connected=(1024,), fine_maps=16)
+POINTNET: Final = EncoderConfig(trunk="pointnet", fully_connected=(1024,))
 LITE0_SIZE: Final = 128  # pixels
 
 
@@ -105,6 +118,12 @@ class TrainConfig:
         "share of an object's draws reserved for its own shape, the rest being from all its shapes",
         least=0,
         most=1,
+    )
+    turn: float = option(
+        0.0,
+        "degrees about +Y, either way, by which objects of a point encoder are turned; 180: it needs no front",
+        least=0,
+        most=180,
     )
     made: bool = option(default=False, text="train on the procedural pieces of `hof-model data make` too")
     start: str | None = option(None, "checkpoint or exported model whose weights a new run starts from")

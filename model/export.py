@@ -25,6 +25,7 @@ from model.networks.estimate_heads import EstimateHeads
 from model.networks.inner import InnerEncoder, inner_tensors
 from model.networks.mapping import power
 from service import mapping
+from service.encoding.clouds import MOST_POINTS
 from service.encoding.encoder import FORMAT, Encoder
 from service.encoding.estimates import OUTPUTS, VERSION
 from service.files import whole_file
@@ -60,13 +61,18 @@ def export(
     """
     network = ColoredEncoder(encoder, color) if color else encoder
     _round_matrices(network)
-    graph = _halve(to_onnx(network, config.framing.size, "theta", *(["color"] if color else [])))
+    inputs = torch.from_numpy(_random_inputs(config, 0)[:1])
+    name = "points" if config.encoder.takes_points else "image"
+    graph = _halve(_exported(network, (inputs,), [name], ["theta", *(["color"] if color else [])]))
     metadata = {
         "hof.format": str(FORMAT),
         "hof.spec": config.spec.to_json(),
-        "hof.framing": asdict(config.framing),
         "hof.card": card,
     }
+    if config.encoder.takes_points:
+        metadata["hof.points"] = {"count": MOST_POINTS}
+    else:
+        metadata["hof.framing"] = asdict(config.framing)
     if color:
         metadata["hof.color_spec"] = color.spec.to_json()
     for key, value in metadata.items():
@@ -92,7 +98,7 @@ def parity(encoder: ImageEncoder, config: TrainConfig, exported: Encoder, seed: 
     Theta is compared between torch and onnxruntime; points between torch, the NumPy reference and `Sampler`.
     """
     spec = config.spec
-    images = _random_images(config, seed)
+    images = _random_inputs(config, seed)
     theta = encoder(torch.from_numpy(images))
     theta_ort = np.stack([functions.theta for functions in exported.encode(images)])
     canonical = canonical_points(spec.domain, PARITY_POINTS, seed)
@@ -113,7 +119,7 @@ def color_parity(network: ColoredEncoder, config: TrainConfig, exported: Encoder
 
     Weights are compared between torch and onnxruntime; colors between torch and the NumPy reference.
     """
-    images = _random_images(config, seed)
+    images = _random_inputs(config, seed)
     weights = network(torch.from_numpy(images))[1]
     weights_ort = np.stack([functions.color.weights for functions in exported.encode(images) if functions.color])
     spec, canonical = network.head.spec, canonical_points(config.spec.domain, PARITY_POINTS, seed)
@@ -221,8 +227,10 @@ def _heads_parity(file: Path, heads: EstimateHeads, attached: Encoder) -> dict[s
     }
 
 
-def _random_images(config: TrainConfig, seed: int) -> mapping.Array:
-    """Return PARITY_IMAGES images of noise, (b, 3, size, size) in [0, 1]."""
+def _random_inputs(config: TrainConfig, seed: int) -> mapping.Array:
+    """Return PARITY_IMAGES images of noise, (b, 3, size, size) in [0, 1], or clouds of it, (b, MOST_POINTS, 3)."""
+    if config.encoder.takes_points:
+        return np.random.default_rng(seed).random((PARITY_IMAGES, MOST_POINTS, 3), np.float32) - np.float32(0.5)
     side = config.framing.size
     return np.random.default_rng(seed).random((PARITY_IMAGES, 3, side, side), np.float32)
 

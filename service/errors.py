@@ -3,6 +3,7 @@
     HofError                    500
     ├── InvalidInput            400  a body that cannot be read, or a request against the rules of HTTP
     │   ├── CorruptImage
+    │   ├── CorruptPoints
     │   └── CorruptWeights
     ├── Unauthenticated         401  no API key, or an unknown one
     ├── Forbidden               403  a key without the scope that the call needs; another site's page
@@ -11,7 +12,7 @@
     ├── Stalled                 408  a request that arrives too slowly
     ├── InUse                   409  an object that a composed object uses
     ├── TooLarge                413  more bytes or pixels than the limit
-    ├── UnsupportedMedia        415  a body that is not an image of a supported type
+    ├── UnsupportedMedia        415  a body that is not an image, or points, of a supported type
     ├── Misdirected             421  a host name that is not this service's
     ├── InvalidParameter        422  a parameter unknown, of the wrong type or out of range
     │   ├── NoObjectFound            no object to encode in the image
@@ -56,6 +57,12 @@ class CorruptImage(InvalidInput):
     """An image of a known type whose bytes cannot be decoded."""
 
     title = "Corrupt image"
+
+
+class CorruptPoints(InvalidInput):
+    """A file of points or of a mesh that cannot be read."""
+
+    title = "Corrupt points"
 
 
 class CorruptWeights(InvalidInput):

@@ -136,6 +136,7 @@ def _evaluate(arguments: argparse.Namespace) -> None:
 def _export(arguments: argparse.Namespace) -> None:
     from model.data.manifest import Manifest, piece_entries
     from model.evaluation.comparison import encoder_record, references
+    from model.evaluation.completion import measure_completion
     from model.export import export
     from model.networks.color_head import load
     from model.report.card import figures, make_card, page
@@ -153,8 +154,12 @@ def _export(arguments: argparse.Namespace) -> None:
         for quantity, difference in export(trained, config, card, unmeasured, color).items():
             print(f"{quantity}: {difference:.1e}")
         encoder = Encoder.open(unmeasured, threads=1)
-        evaluations = encoder_record(encoder, arguments.data, "test", arguments.seed).evaluations
-    card["figures"] = figures([*evaluations, *references(arguments.data, "test", arguments.seed)])
+        if config.encoder.takes_points:
+            evaluations = [measure_completion(encoder, arguments.data, "test", arguments.seed)]
+        else:
+            own = encoder_record(encoder, arguments.data, "test", arguments.seed).evaluations
+            evaluations = [*own, *references(arguments.data, "test", arguments.seed)]
+    card["figures"] = figures(evaluations)
     export(trained, config, card, output, color)
     with whole_file(output.with_suffix(".md")) as file:
         file.write(page(card, config.spec.size, output.stat().st_size).encode())

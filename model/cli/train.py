@@ -16,6 +16,7 @@ from model.config import (
     METHOD_DOMAINS,
     PAPER_EPOCHS,
     PAPER_SCHEDULE,
+    POINTNET,
     ColorConfig,
     DeviceOptions,
     EncoderConfig,
@@ -78,7 +79,8 @@ def add_network(stage: argparse.ArgumentParser) -> None:
     add_flags(
         stage.add_argument_group(
             "image encoder",
-            f"lite0 has other defaults: --fully-connected {widths} --fine-maps {LITE0.fine_maps} --size {LITE0_SIZE}.",
+            f"lite0 has other defaults: --fully-connected {widths} --fine-maps {LITE0.fine_maps} --size {LITE0_SIZE}; "
+            f"pointnet: --fully-connected {' '.join(map(str, POINTNET.fully_connected))}.",
         ),
         DENSE,
     )
@@ -167,7 +169,8 @@ def config_from(arguments: argparse.Namespace, base: TrainConfig) -> TrainConfig
     """
     encoder, options = values(arguments, EncoderConfig), values(arguments, TrainConfig)
     base = PAPER_SCHEDULE if arguments.schedule == "paper" else base
-    trunk, size = (LITE0, LITE0_SIZE) if encoder.get("trunk") == "lite0" else (base.encoder, Framing().size)
+    presets = {"lite0": (LITE0, LITE0_SIZE), "pointnet": (POINTNET, Framing().size)}
+    trunk, size = presets.get(encoder.get("trunk", ""), (base.encoder, Framing().size))
     size = arguments.size or size
     if size % SIZE_STEP:
         raise ValueError(f"--size is {size}, it must be a multiple of {SIZE_STEP} pixels")

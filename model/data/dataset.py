@@ -18,7 +18,9 @@ from model.data.augment import ANY_LIGHT, Light, augment, oversize
 from model.data.camera_frame import to_camera
 from model.data.manifest import COLORS, Entry, Manifest, Split, piece_entries, piece_files, variant_files
 from model.data.packed.shards import OWN
+from model.data.partial import SURFACE, draw_counts, draw_parts, turned
 from model.data.sources.photographs import photograph_files
+from service.encoding.clouds import MOST_POINTS
 from service.encoding.framing import Framing, frame
 from service.mapping.canonical import canonical_points
 
@@ -141,16 +143,18 @@ def _load_shape(path: Path, framing: Framing) -> Shape:
 class Batch:
     """One training batch.
 
-    images : (b, 3, size, size) in [0, 1].
+    images : (b, 3, size, size) in [0, 1]; of a point encoder, the parts of the surfaces, (b, p, 3).
     canonical : (b, n, d) canonical points.
-    points : (b, m, 3) true points.
+    points : (b, m, 3) true points; of a point encoder, from the center of the part's box.
     colors : (b, m, 3) uint8, of the true points; None unless every shape has colors.
+    scale : (b, 1, 1), what predicted points are multiplied with; None for 1.
     """
 
     images: Tensor
     canonical: Tensor
     points: Tensor
     colors: Tensor | None
+    scale: Tensor | None = None
 
 
 def draw_batch(examples: Examples, config: TrainConfig, step: int, light: Light = ANY_LIGHT) -> Batch:
@@ -164,17 +168,20 @@ def draw_batch(examples: Examples, config: TrainConfig, step: int, light: Light 
     mirrored = (rng.random(config.batch) < 0.5) & config.augmented
     crops, points, colors = [], [], []
     groups = [*examples.shapes, *examples.pieces]
+    surface = SURFACE if config.encoder.takes_points else 0
     for number, is_mirrored in zip(_epoch_slice(len(groups), config, step), mirrored, strict=True):
         shapes = groups[number]
         if number < len(examples.shapes) and rng.random() < config.own_share:
             shapes = shapes[:OWN]
         shape, view = _any_view(shapes, rng)
-        order = rng.permutation(len(shape.points))[: config.target_points]
+        order = rng.permutation(len(shape.points))[: max(config.target_points, surface)]
         targets = shape.points_in(config.frame, view)[order]
         crops.append(shape.crops[view])
         points.append(targets * MIRROR if is_mirrored else targets)
         if shape.colors is not None:
             colors.append(shape.colors[order])
+    if config.encoder.takes_points:
+        return _parts_batch(torch.from_numpy(np.stack(points)), config, rng)
     views = torch.from_numpy(np.stack(crops))
     if config.augmented:
         images = augment(views.permute(0, 3, 1, 2), config.framing.size, rng, examples.photographs, light)
@@ -184,6 +191,31 @@ def draw_batch(examples: Examples, config: TrainConfig, step: int, light: Light 
     canonical = torch.from_numpy(uniform_points(config, rng))
     batch_colors = torch.from_numpy(np.stack(colors)) if len(colors) == config.batch else None
     return Batch(images, canonical, torch.from_numpy(np.stack(points)), batch_colors)
+
+
+def _parts_batch(points: Tensor, config: TrainConfig, rng: np.random.Generator) -> Batch:
+    """Return the batch of a point encoder: parts of objects (b, m, 3), all with the same random number of points."""
+    generator = torch.Generator().manual_seed(int(rng.integers(2**62)))
+    b, cpu = len(points), torch.device("cpu")
+    width = int(draw_counts(1, MOST_POINTS, cpu, generator))
+    canonical = torch.from_numpy(uniform_points(config, rng))
+    return parts_batch(points, canonical, config, torch.full((b,), width), width, generator)
+
+
+def parts_batch(
+    points: Tensor,
+    canonical: Tensor,
+    config: TrainConfig,
+    counts: Tensor,
+    width: int,
+    generator: torch.Generator | None = None,
+) -> Batch:
+    """Return the batch of a point encoder. Parameters as of `draw_parts`, `points` being (b, m, 3)."""
+    if config.turn:
+        turns = 2 * torch.rand(len(points), device=points.device, generator=generator) - 1
+        points = turned(points, config.turn * turns)
+    parts = draw_parts(points[:, :SURFACE], counts, width, generator)
+    return Batch(parts.clouds, canonical, points[:, : config.target_points] - parts.center, None, parts.scale)
 
 
 def _any_view(shapes: list[Shape], rng: np.random.Generator) -> tuple[Shape, int]:

@@ -1,11 +1,13 @@
 """The image encoder g_phi: an image becomes theta (paper, eq. 1; appendix: baseline encoder).
 
 Top to bottom: the image encoder and its last layer; the trunk in front of them, which the compared methods share;
-the trunk's convolutions, the paper's DenseNet or ResNet18, or a pretrained EfficientNet-Lite0.
+the trunk's convolutions, the paper's DenseNet or ResNet18, or a pretrained EfficientNet-Lite0; or a PointNet, whose
+input is points.
 `model.networks.mapping` turns theta into points.
 """
 
-from typing import Final
+from collections.abc import Callable
+from typing import Final, Union
 
 import numpy as np
 import numpy.typing as npt
@@ -16,16 +18,19 @@ from torch import Tensor, nn
 from model.config import EncoderConfig, Predicted
 from model.networks import lite0
 from model.networks.lite0 import Lite0
+from model.networks.pointnet import PointMaps
 from model.networks.precision import trunk_precision
 from model.networks.resnet18 import ResNetMaps
 from service.mapping.spec import MappingSpec, initial_theta
+
+Maps = Union["DenseMaps", "LiteMaps", ResNetMaps, PointMaps]
 
 HEAD_SCALE: Final = 0.2  # of theta_0: how far objects differ at the start; exactly zero stalls
 DROPOUT: Final = 0.2  # of the maps at the end of the pretrained convolutions
 
 
 class ImageTrunk(nn.Module):
-    """Convolutions and fully connected layers that every method shares: an RGB image becomes features.
+    """Convolutions and fully connected layers that every method shares: an RGB image, or points, become features.
 
     `width` is the number of features: the rank, or without one the width of the last fully connected layer. In
     training the trunk computes in bfloat16 where the device gains by it; in evaluation always in float32.
@@ -33,12 +38,16 @@ class ImageTrunk(nn.Module):
 
     def __init__(self, config: EncoderConfig, size: int) -> None:
         super().__init__()
-        self.features: DenseMaps | LiteMaps | ResNetMaps
-        if config.trunk == "resnet18":
-            self.features = ResNetMaps()
-        else:
-            self.features = DenseMaps(config) if config.trunk == "dense" else LiteMaps(config)
-        width = self.features.maps * (size // self.features.stride) ** 2
+        kinds: dict[str, Callable[[EncoderConfig], Maps]] = {
+            "dense": DenseMaps,
+            "lite0": LiteMaps,
+            "resnet18": lambda _: ResNetMaps(),
+            "pointnet": PointMaps,
+        }
+        self.features = kinds[config.trunk](config)
+        width = self.features.maps
+        if not isinstance(self.features, PointMaps):
+            width *= (size // self.features.stride) ** 2
         dense: list[nn.Module] = []
         for n_out in config.fully_connected:
             dense += [nn.Linear(width, n_out), nn.ReLU()]
@@ -50,7 +59,7 @@ class ImageTrunk(nn.Module):
         self.width = width
 
     def forward(self, image: Tensor) -> Tensor:
-        """Return the features: (b, 3, size, size) in [0, 1] -> (b, width)."""
+        """Return the features: (b, 3, size, size) in [0, 1], or points (b, n, 3) -> (b, width)."""
         return self.look(image)[1]
 
     def look(self, image: Tensor) -> tuple[Tensor, Tensor]:
@@ -62,7 +71,7 @@ class ImageTrunk(nn.Module):
 
 
 class ImageEncoder(ImageTrunk):
-    """g_phi: an RGB image becomes theta (paper, eq. 1).
+    """g_phi: an RGB image becomes theta (paper, eq. 1); with the trunk `pointnet`, points of a part of a surface do.
 
     The last layer starts as theta_0, an ordinary initialization of f, plus small weights, so that
     every object starts as the same sane function.
@@ -73,7 +82,7 @@ class ImageEncoder(ImageTrunk):
         self.head = ThetaHead(spec, self.width, config.predicted)
 
     def forward(self, image: Tensor) -> Tensor:
-        """Return theta: (b, 3, size, size) in [0, 1] -> (b, spec.size)."""
+        """Return theta: (b, 3, size, size) in [0, 1], or points (b, n, 3) -> (b, spec.size)."""
         theta: Tensor = self.head(super().forward(image))
         return theta
 
@@ -186,6 +195,11 @@ class LiteMaps(nn.Module):
         if self.fine is not None:
             maps = torch.cat([maps, _unshuffle(self.fine(fine), self.fine.out_channels)], dim=1)
         return nnf.dropout(nnf.relu(maps), DROPOUT, self.training)
+
+
+def channels_last(inputs: Tensor) -> Tensor:
+    """Return images in the memory format that convolutions like best, and points as they are."""
+    return inputs.contiguous(memory_format=torch.channels_last) if inputs.dim() == 4 else inputs
 
 
 def _unshuffle(maps: Tensor, count: int) -> Tensor:

@@ -15,6 +15,7 @@ from model.report.tables import table
 TRUNKS = {
     "dense": "the paper's DenseNet, trained from scratch",
     "lite0": "EfficientNet-Lite0's convolutions (Apache-2.0), pretrained on ImageNet",
+    "pointnet": "PointNet in two stages, trained from scratch",
 }
 LICENSE = "Apache-2.0; trained on CC-BY and CC0 meshes, attribution in NOTICE"  # of models trained on Sweet Home 3D
 # Licenses of meshes that allow weights under another license, given the credits in NOTICE; and words that rule it out.
@@ -24,6 +25,9 @@ LIMITS = (
     "The front of an object is at +Z. From a view of the back the model guesses where the front is.",
     "Thin parts (chair legs, lamp stems) come out too thick or too thin, and unseen sides are guesses.",
     "A photo does not show scale: the longest side is 1 unless you pass `scale`.",
+)
+POINT_LIMITS = (
+    "Parts that the points do not show are guesses. Points of several objects, or of a floor, count as one object.",
 )
 COLOR_LIMIT = (
     "Colors are those of the materials without light, estimated from a lit photo: about right on large parts, "
@@ -64,8 +68,15 @@ def make_card(
         },
         "exported": provenance(config.seed),
         **({"color": color} if color else {}),
-        "limits": [_training_images(manifest, config, len(pieces)), *LIMITS, COLOR_LIMIT if color else NO_COLOR_LIMIT],
+        "limits": _limits(manifest, config, len(pieces), color is not None),
     }
+
+
+def _limits(manifest: Manifest, config: TrainConfig, meshes: int, has_color: bool) -> list[str]:
+    """Return the sentences on what the model does not do; `meshes` is the number of pieces."""
+    if config.encoder.takes_points:
+        return [_training_parts(manifest, config), *POINT_LIMITS, NO_COLOR_LIMIT]
+    return [_training_images(manifest, config, meshes), *LIMITS, COLOR_LIMIT if has_color else NO_COLOR_LIMIT]
 
 
 def license_of(manifest: Manifest, pieces: Collection[Entry] = ()) -> str:
@@ -111,6 +122,17 @@ def _training_images(manifest: Manifest, config: TrainConfig, meshes: int) -> st
     )
 
 
+def _training_parts(manifest: Manifest, config: TrainConfig) -> str:
+    """Return a sentence on the parts of surfaces that the model was trained on, and so on what they lack."""
+    objects = list(manifest.of("train"))
+    kinds = ", ".join(sorted({entry.category for entry in objects}))
+    front = f"turned by up to {config.turn:g} degrees about it" if config.turn else "the front at +Z"
+    return (
+        f"Trained on points of parts of {len(objects)} objects ({kinds}), cut off by a plane or seen by a camera, "
+        f"64 to 2,048 points with noise; +Y points up, {front}. It has seen no scan of an object."
+    )
+
+
 def figures(evaluations: list[Evaluation]) -> dict[str, dict[str, list[float]]]:
     """Return method -> metric -> [mean, low, high], the 95% bootstrap interval over objects."""
     return {
@@ -127,14 +149,25 @@ def page(card: dict[str, Any], parameters: int, bytes_: int) -> str:
     color_head = (
         f"a head on the frozen encoder, {color['images']:,} images, {color['minutes']} minutes" if color else "none"
     )
+    side = training["config"]["framing"]["size"]
+    is_of_points = training["config"]["encoder"]["trunk"] == "pointnet"
+    if is_of_points:
+        source, inputs = "points of a part of an object", "64 points or more, in the frame of their own box"
+        test = "parts of each as in training"
+    else:
+        source, inputs = (
+            "one RGB image of an object",
+            f"images of {side} pixels a side",
+        )
+        test = "4 of 24 views"
     means = [[method, *(f"{values[name][0]:.3f}" for name in NAMES)] for method, values in card["figures"].items()]
     return f"""# Model card: {card["name"]}
 
 Written by `hof-model export` from the metadata of the file. `GET /model` serves the same data.
 
-- **Function**: one RGB image of an object -> theta, the {training["config"]["spec"]["name"]} mapping function of
+- **Function**: {source} -> theta, the {training["config"]["spec"]["name"]} mapping function of
   {parameters:,} numbers, applied k = {training["config"]["spec"]["k"]} times. {card["method"]}.
-- **Image encoder**: {card["trunk"]}; images of {training["config"]["framing"]["size"]} pixels a side.
+- **{"Point" if is_of_points else "Image"} encoder**: {card["trunk"]}; {inputs}.
 - **File**: `{card["name"]}.onnx`, {bytes_:,} bytes; matrices stored as float16, computed in float32.
 - **License**: {card["license"]}.
 - **Data**: {data["objects"]["train"]} training, {data["objects"]["val"]} validation and {data["objects"]["test"]} test
@@ -146,7 +179,7 @@ Written by `hof-model export` from the metadata of the file. `GET /model` serves
 
 ## Figures on the test split
 
-Mean over objects; distances x100 of the longest side; 10,000 predicted against 10,000 true points, 4 of 24 views.
+Mean over objects; distances x100 of the longest side; 10,000 predicted against 10,000 true points, {test}.
 Intervals and pictures: `RESULTS.md` at the top of the project.
 
 {table(["method", *NAMES], means)}

@@ -12,7 +12,7 @@ from torch import nn
 
 from model.config import TrainConfig
 from model.networks.decoders import Hof, make_network
-from model.networks.encoder import ImageEncoder
+from model.networks.encoder import ImageEncoder, channels_last
 from model.training.parts import has_checkpoint, load_checkpoint
 from service.mapping.canonical import canonical_points
 
@@ -107,7 +107,7 @@ def predictor(network: nn.Module, config: TrainConfig) -> Predictor:
 
     @torch.no_grad()
     def predict(images: Floats, n: int, seed: int) -> Floats:
-        batch = torch.from_numpy(images).contiguous(memory_format=torch.channels_last)
+        batch = channels_last(torch.from_numpy(images))
         canonical = torch.from_numpy(canonical_points(config.spec.domain, n, seed)).expand(len(images), -1, -1)
         if config.method == "direct":
             own: Floats = network(batch, canonical).numpy()

@@ -15,6 +15,7 @@ from tqdm import tqdm
 
 from model.config import TrainConfig
 from model.data.dataset import Batch, draw_batch, load_examples
+from model.networks.encoder import channels_last
 from model.training.average import update_average
 from model.training.checkpoints import chosen_checkpoint
 from model.training.log import LOG_EVERY, log_line
@@ -91,9 +92,11 @@ def train_step(state: RunState, batch: Batch, progress: float, threads: ThreadPo
 
 def _add_gradients(state: RunState, batch: Batch, part: npt.NDArray[np.int64], progress: float) -> float:
     """Add the gradients of the images with the indices `part`; return their share of the batch's loss."""
-    images = batch.images[part].contiguous(memory_format=torch.channels_last)
     canonical, true = batch.canonical[part], batch.points[part]
-    loss = training_loss(state.config, state.network(images, canonical), canonical, true, progress)
+    predicted = state.network(channels_last(batch.images[part]), canonical)
+    if batch.scale is not None:
+        predicted = predicted * batch.scale[part]
+    loss = training_loss(state.config, predicted, canonical, true, progress)
     loss = loss * (len(part) / len(batch.images))
     loss.backward()  # type: ignore[no-untyped-call]
     return float(loss.detach())

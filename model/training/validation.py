@@ -1,4 +1,4 @@
-"""Validation of a run: fixed views of the validation split, on white."""
+"""Validation of a run: fixed views of the validation split, on white, or fixed parts of its surfaces."""
 
 import numpy as np
 import torch
@@ -6,7 +6,9 @@ from torch import Tensor, nn
 
 from model.config import TrainConfig
 from model.data.dataset import Examples, plain_images
+from model.data.partial import fixed_parts
 from model.metrics import compare
+from model.networks.encoder import channels_last
 from model.training.device.validation import TARGET_POINTS, VALIDATION_POINTS, VIEWS
 from service.mapping.canonical import canonical_points
 
@@ -19,10 +21,15 @@ def validate(network: nn.Module, config: TrainConfig, validation: Examples) -> d
     for view in VIEWS:
         crops, points = validation.built(view, config.frame)
         for start in range(0, len(crops), config.batch):
-            images = plain_images(torch.from_numpy(crops[start : start + config.batch]), config.framing.size)
-            images = images.contiguous(memory_format=torch.channels_last)
-            predicted: Tensor = network(images, canonical.expand(len(images), -1, -1))
-            true = points[start : start + config.batch, :TARGET_POINTS]
-            metrics += [compare(*clouds) for clouds in zip(predicted.numpy(), true, strict=True)]
+            true = torch.from_numpy(points[start : start + config.batch])
+            if config.encoder.takes_points:
+                parts = fixed_parts(true, seed=view)
+                images, true, scale = parts.clouds, true - parts.center, parts.scale
+            else:
+                images = plain_images(torch.from_numpy(crops[start : start + config.batch]), config.framing.size)
+                scale = torch.ones(1)
+            predicted: Tensor = network(channels_last(images), canonical.expand(len(images), -1, -1)) * scale
+            clouds = zip(predicted.numpy(), true[:, :TARGET_POINTS].numpy(), strict=True)
+            metrics += [compare(*each) for each in clouds]
     means = {name: float(np.mean([each[name] for each in metrics])) for name in ("cd_sq", "f@1%", "f@2%")}
     return {"val": means.pop("cd_sq") / 100, **means}

@@ -12,10 +12,7 @@ from typing import Any, Final, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from service.drawing.words import MAX_POINTS, Cell, label, rows_of_words, sheet
-from service.encoding.encoder import Encoder
 from service.encoding.estimates import Estimates
-from service.encoding.framing import Framed, preprocess
-from service.encoding.matting import Matting
 from service.encoding.report import ImageReport
 from service.errors import HofError, InvalidParameter
 from service.files import whole_file
@@ -23,7 +20,7 @@ from service.formats.mesh.registry import MESH_FORMATS, MeshFormat
 from service.formats.path import PATH_FORMATS, PathFormat
 from service.formats.points.registry import POINT_FORMATS, PointFormat
 from service.formats.points.writer import write
-from service.formats.weights import WEIGHT_FORMATS, Weights, dump, load
+from service.formats.weights import Weights, load
 from service.mapping.box import measure
 from service.mapping.color import ColorSampler
 from service.mapping.frame import Frame
@@ -31,7 +28,6 @@ from service.mapping.sampler import Sampler
 from service.mapping.spec import Functions, MappingSpec, join_functions
 from service.runtime.composition import Member, check_members
 from service.runtime.cost import check_size
-from service.runtime.encoding import MAX_IMAGES, averaged
 from service.runtime.options import EncodeOptions, MeshOptions, PathOptions, PointOptions
 from service.runtime.paths import path_of
 from service.runtime.poses import pose_of, view_of
@@ -45,68 +41,11 @@ PICTURE: Final = ".png"
 STDIO: Final = Path("-")  # as an input: stdin; as the output: stdout
 
 
-def encode(arguments: argparse.Namespace) -> None:
-    """Encode the photo of one object, or several views of it, and write its points, or its weights as .safetensors.
-
-    stderr tells how the object was separated from its background.
-    """
-    settings = settings_of(arguments)
-    as_weights = _suffix(arguments) == WEIGHT_FORMATS["safetensors"].extension
-    if not as_weights:
-        _point_options(arguments)  # fails before the work begins
-    encoder = Encoder.open(settings.model[0], settings.threads)
-    matting = Matting.of(settings.matting_model, settings.threads)
-    paths = [arguments.photo, *arguments.view]
-    views = _framed_views(arguments, paths, settings, encoder, matting)
-    encoded = [encoder.encode(view.tensor)[0] for view in views]
-    functions, reports = averaged(encoded), [ImageReport.of(view) for view in views]
-    frame = measure(encoder.spec, functions.theta)
-    if as_weights:
-        weights = Weights(encoder.spec, functions.theta, encoder.name, color=functions.color, frame=frame)
-        _write(arguments.output, [dump(weights, "safetensors")])
-        result = f"weights of {encoder.name}"
-    else:
-        count = _write_points(arguments, encoder.spec, functions, frame, functions.estimates, reports[0])
-        result = f"{count} points"
-    lines = []
-    for path, report, each in zip(paths, reports, encoded, strict=True):
-        hint = "; no matting model is set (--matting-model)" if report.mask == "none" and matting is None else ""
-        lines.append(f"{_name(path)}: {report}{hint}")
-        lines += [f"{_name(path)}: {each.estimates.rounded()}"] if each.estimates else []
-    lines.append(f"{_name(arguments.output)}: {result}")
-    print(*(f"hof: {each}" for each in lines), sep="\n", file=sys.stderr)
-
-
-def _framed_views(
-    arguments: argparse.Namespace, paths: Sequence[Path], settings: Settings, encoder: Encoder, matting: Matting | None
-) -> list[Framed]:
-    """Return the photos, framed. An error names the file."""
-    if len(paths) > MAX_IMAGES:
-        raise InvalidParameter(f"there are {len(paths)} photos, the limit is {MAX_IMAGES} of one object", field="view")
-    if paths.count(STDIO) > 1:
-        raise InvalidParameter("- is named twice, and stdin holds one photo: name a file", field="view")
-    options = options_of(arguments, EncodeOptions)
-    framing = encoder.framing.with_ratio(options.foreground_ratio)
-    photos: list[bytes] = []
-    views = []
-    for path in paths:
-        photo = _read(path)
-        if photo in photos:
-            first = _name(paths[photos.index(photo)])
-            raise InvalidParameter(f"{_name(path)} is the same photo as {first}: name each once", field="view")
-        photos.append(photo)
-        try:
-            views.append(preprocess(photo, framing, options.background, settings.max_image_pixels, matting))
-        except HofError as error:
-            raise type(error)(f"{_name(path)}: {error.detail}", field=error.field) from error
-    return views
-
-
 def sample(arguments: argparse.Namespace) -> None:
     """Sample a weights file; the points are those that the service computes for the object."""
-    _point_options(arguments)
+    point_options(arguments)
     weights = _load(arguments.weights)
-    _write_points(arguments, weights.spec, weights.functions, _frame(weights))
+    write_points(arguments, weights.spec, weights.functions, _frame(weights))
 
 
 def mesh(arguments: argparse.Namespace) -> None:
@@ -117,7 +56,7 @@ def mesh(arguments: argparse.Namespace) -> None:
     functions = functions_for(weights.functions, options.color, holds_color=fmt.holds_color)
     view, frame = view_of(options, None, None), _frame(weights)
     pose = pose_of(view, weights.spec, functions, frame)
-    _write(arguments.output, [fmt.dump(mesh_of(weights.spec, functions, frame, options, pose))])
+    write_file(arguments.output, [fmt.dump(mesh_of(weights.spec, functions, frame, options, pose))])
 
 
 def path(arguments: argparse.Namespace) -> None:
@@ -128,7 +67,7 @@ def path(arguments: argparse.Namespace) -> None:
     fmt = _format(arguments, PATH_FORMATS)
     options = options_of(arguments, PathOptions)
     weights = _load(arguments.weights)
-    _write(arguments.output, [fmt.dump(path_of(weights.spec, weights.functions, _frame(weights), options))])
+    write_file(arguments.output, [fmt.dump(path_of(weights.spec, weights.functions, _frame(weights), options))])
 
 
 def compose(arguments: argparse.Namespace) -> None:
@@ -136,9 +75,9 @@ def compose(arguments: argparse.Namespace) -> None:
 
     As .png: a picture of words over two files A and B; all words if k = 2, those from A to B if k is larger.
     """
-    as_picture = _suffix(arguments) == PICTURE
+    as_picture = suffix_of(arguments) == PICTURE
     if not as_picture:
-        _point_options(arguments)
+        point_options(arguments)
     word = [_load(path) for path in arguments.weights]
     kinds = ((each.spec, bool(each.word), each.color.spec if each.color else None) for each in word)
     members = [Member(str(path), *kind) for path, kind in zip(arguments.weights, kinds, strict=True)]
@@ -147,7 +86,7 @@ def compose(arguments: argparse.Namespace) -> None:
         _write_sheet(arguments, word[0].spec, [each.functions for each in word])
     else:
         functions = join_functions([each.functions for each in word])
-        _write_points(arguments, word[0].spec, functions, measure(word[0].spec, functions.theta))
+        write_points(arguments, word[0].spec, functions, measure(word[0].spec, functions.theta))
 
 
 def info(arguments: argparse.Namespace) -> None:
@@ -190,11 +129,11 @@ def options_of(arguments: argparse.Namespace, model: type[Options]) -> Options:
 
 def _load(path: Path) -> Weights:
     """Read a weights file. Raises CorruptWeights or InvalidSpec, which name the file."""
-    data = _read(path)
+    data = read_file(path)
     try:
         return load(data)
     except HofError as error:
-        raise type(error)(f"{_name(path)}: {error.detail}") from error
+        raise type(error)(f"{shown_name(path)}: {error.detail}") from error
 
 
 def _frame(weights: Weights) -> Frame:
@@ -202,7 +141,7 @@ def _frame(weights: Weights) -> Frame:
     return weights.frame or measure(weights.spec, weights.theta)
 
 
-def _point_options(arguments: argparse.Namespace) -> tuple[PointFormat, PointOptions]:
+def point_options(arguments: argparse.Namespace) -> tuple[PointFormat, PointOptions]:
     """Return the format that the output's suffix names, and the points to compute. Raises InvalidParameter."""
     fmt = _format(arguments, POINT_FORMATS)
     options = options_of(arguments, PointOptions)
@@ -210,7 +149,7 @@ def _point_options(arguments: argparse.Namespace) -> tuple[PointFormat, PointOpt
     return fmt, options
 
 
-def _suffix(arguments: argparse.Namespace) -> str:
+def suffix_of(arguments: argparse.Namespace) -> str:
     """Return the suffix of the output's format, in lower case: that of --format, else that of the file."""
     suffix: str = f".{arguments.format}" if arguments.format else arguments.output.suffix
     return suffix.lower()
@@ -218,7 +157,7 @@ def _suffix(arguments: argparse.Namespace) -> str:
 
 def _format(arguments: argparse.Namespace, formats: Mapping[str, Format]) -> Format:
     """Return the format that --format or the suffix of the output names. Raises InvalidParameter."""
-    suffixes, suffix = {fmt.extension: fmt for fmt in formats.values()}, _suffix(arguments)
+    suffixes, suffix = {fmt.extension: fmt for fmt in formats.values()}, suffix_of(arguments)
     if arguments.output == STDIO and not arguments.format:
         names = ", ".join(each.removeprefix(".") for each in suffixes)
         raise InvalidParameter(f"stdout has no suffix: name the format with --format, one of {names}")
@@ -228,7 +167,7 @@ def _format(arguments: argparse.Namespace, formats: Mapping[str, Format]) -> For
     return suffixes[suffix]
 
 
-def _write_points(
+def write_points(
     arguments: argparse.Namespace,
     spec: MappingSpec,
     functions: Functions,
@@ -242,12 +181,12 @@ def _write_points(
     ----------
     estimates, photo : of the object, if there are any; for points in the camera's frame.
     """
-    fmt, options = _point_options(arguments)
+    fmt, options = point_options(arguments)
     view = view_of(options, estimates, photo)
     pose = pose_of(view, spec, functions, frame)
     cloud = cloud_of(spec, functions, frame, options, pose)
     fmt = fmt.holding(color=cloud.functions.color is not None, camera=pose is not None)
-    _write(arguments.output, write(fmt, cloud))
+    write_file(arguments.output, write(fmt, cloud))
     return options.n
 
 
@@ -274,19 +213,21 @@ def _write_sheet(arguments: argparse.Namespace, spec: MappingSpec, letters: Sequ
     names = (f"{letter}: {path.stem}" for letter, path in zip("AB", arguments.weights, strict=True))
     file = io.BytesIO()
     sheet(rows, ", ".join(names)).save(file, "PNG", optimize=True)
-    _write(arguments.output, [file.getvalue()])
+    write_file(arguments.output, [file.getvalue()])
 
 
-def _read(path: Path) -> bytes:
+def read_file(path: Path) -> bytes:
+    """Return the bytes of a file, or of stdin."""
     return sys.stdin.buffer.read() if path == STDIO else path.read_bytes()
 
 
-def _name(path: Path) -> str:
+def shown_name(path: Path) -> str:
     """Return a file's name for messages."""
     return "-" if path == STDIO else str(path)
 
 
-def _write(path: Path, pieces: Iterable[bytes]) -> None:
+def write_file(path: Path, pieces: Iterable[bytes]) -> None:
+    """Write a file, whole or not at all, or stdout."""
     if path == STDIO:
         sys.stdout.buffer.writelines(pieces)
         sys.stdout.buffer.flush()

@@ -15,7 +15,7 @@ from pydantic import BaseModel, ValidationError
 
 from service import __version__
 from service.api.keys import SCOPES, make_key
-from service.cli import encode_many, files, store
+from service.cli import encode, encode_many, files, store
 from service.cli.fit import add_fit, fit
 from service.cli.flags import add_framing, add_settings
 from service.errors import HofError
@@ -105,11 +105,13 @@ def _parser() -> argparse.ArgumentParser:
 
 def _add_commands(stages: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Add the commands that need no server (`service.cli.files`)."""
-    encode = stages.add_parser(
-        "encode", help="turn photos of one object into points or weights", description=files.encode.__doc__
+    stage = stages.add_parser(
+        "encode", help="turn photos of one object into points or weights", description=encode.encode.__doc__
     )
-    encode.add_argument("photo", type=Path, help="PNG, JPEG, WebP or AVIF, or HEIC with the extra `heic`; - for stdin")
-    encode.add_argument(
+    stage.add_argument(
+        "photo", type=Path, help="PNG, JPEG, WebP or AVIF, or HEIC with the extra `heic`; points or a mesh; - for stdin"
+    )
+    stage.add_argument(
         "--view",
         type=Path,
         action="append",
@@ -117,11 +119,11 @@ def _add_commands(stages: "argparse._SubParsersAction[argparse.ArgumentParser]")
         metavar="PHOTO",
         help="another photo of the same object, from another side; repeat for up to 7",
     )
-    _add_output(encode, [*(fmt.extension for fmt in POINT_FORMATS.values()), WEIGHT_FORMATS["safetensors"].extension])
-    _add_sampling(encode)
-    add_framing(encode)
-    add_settings(encode, only={"model", "matting_model", "max_image_pixels", "threads"})
-    encode.set_defaults(run=files.encode)
+    _add_output(stage, [*(fmt.extension for fmt in POINT_FORMATS.values()), WEIGHT_FORMATS["safetensors"].extension])
+    _add_sampling(stage)
+    add_framing(stage)
+    add_settings(stage, only={"model", "matting_model", "max_image_pixels", "threads"})
+    stage.set_defaults(run=encode.encode)
 
     encode_many.add_stage(
         stages.add_parser("encode-many", help="turn many photos into a table", description=encode_many.run.__doc__)

@@ -1,22 +1,29 @@
-"""The image encoder g_phi: an ONNX file that describes itself; it computes theta, and color and estimates if it can."""
+"""The encoder g_phi: an ONNX file that describes itself; it computes theta, and color and estimates if it can.
+
+Its input is an image, or points of a part of an object (`service.encoding.clouds`).
+"""
 
 import hashlib
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 import onnxruntime as ort
 
 from service.encoding import estimates
+from service.encoding.clouds import LEAST_POINTS
 from service.encoding.estimates import Estimates
 from service.encoding.framing import Framing
 from service.errors import InvalidModel, InvalidSpec
 from service.mapping.spec import Array, Color, Functions, MappingSpec, check_color_spec
 
+Input = Literal["image", "points"]
+
 FORMAT: Final = 1  # of the metadata; files written before this field existed lack it
 MAX_SIDE: Final = 4096  # pixels, of an encoder's input; far above any real encoder
+MAX_COUNT: Final = 65_536  # points, of an encoder's input
 
 
 @dataclass(frozen=True)
@@ -37,7 +44,8 @@ class Encoder:
     spec : spec of the thetas.
     color_spec : spec of the color's weights; None if the model has no color.
     makes_estimates : whether it estimates the fit of the shape and the camera.
-    framing : framing of the input images.
+    count : number of points of its input; None for an encoder of images.
+    framing : framing of the input images; an encoder of points does not use it.
     name, card : the model's name, and the whole model card.
     digest : sha256 of the file, hexadecimal.
     """
@@ -50,7 +58,8 @@ class Encoder:
         self.spec: Final = _spec(metadata, "hof.spec")
         self.color_spec: Final = _color_spec(metadata, self.spec)
         self.makes_estimates: Final = _makes_estimates(metadata)
-        self.framing: Final = _framing(metadata)
+        self.count: Final = _count(metadata)
+        self.framing: Final = Framing() if self.count else _framing(metadata)
         self.card: Final = _card(metadata)
         self.name: Final[str] = self.card["name"]
         self.digest: Final = hashlib.sha256(data).hexdigest()
@@ -78,12 +87,14 @@ class Encoder:
     def encode(self, images: Array) -> list[Encoded]:
         """Compute each image's functions (paper, section 3.2): (b, 3, size, size) in [0, 1] -> b objects.
 
+        An encoder of points takes clouds (b, count, 3) as `service.encoding.clouds.normalize` gives them.
+
         Raises
         ------
         InvalidModel : an output is not finite.
         """
         names = list(self.outputs)
-        outputs = dict(zip(names, self._session.run(names, {"image": images}), strict=True))
+        outputs = dict(zip(names, self._session.run(names, {self.takes: images}), strict=True))
         for name, output in outputs.items():
             if not np.isfinite(output).all():
                 raise InvalidModel(f"the model {self.name} gave a {name} that is not finite")
@@ -96,12 +107,22 @@ class Encoder:
         return [Encoded(*each) for each in zip(outputs["theta"], colors, of_images, strict=True)]
 
     def blank(self) -> Array:
-        """Return a white image, (1, 3, size, size): the input for warm-up and health checks."""
-        return np.ones((1, 3, self.framing.size, self.framing.size), np.float32)
+        """Return a white image, (1, 3, size, size), or points at one place: the input for warm-up and health checks."""
+        return np.ones((1, *self.input_shape), np.float32)
 
     def warm_up(self) -> None:
         """Run one inference, so that the first request does not wait for memory to be allocated."""
         self.encode(self.blank())
+
+    @property
+    def takes(self) -> Input:
+        """Kind of its input, which is the name of the graph's input, too."""
+        return "points" if self.count else "image"
+
+    @property
+    def input_shape(self) -> tuple[int, ...]:
+        """Shape of one input."""
+        return (self.count, 3) if self.count else (3, self.framing.size, self.framing.size)
 
     @property
     def outputs(self) -> dict[str, list[int]]:
@@ -111,8 +132,7 @@ class Encoder:
 
     def _check_graph(self) -> None:
         """Raise InvalidModel if the metadata disagree with the graph."""
-        size = self.framing.size
-        _check_tensors("input", self._session.get_inputs(), {"image": [3, size, size]})
+        _check_tensors("input", self._session.get_inputs(), {self.takes: list(self.input_shape)})
         _check_tensors("output", self._session.get_outputs(), self.outputs)
 
 
@@ -184,6 +204,16 @@ def _makes_estimates(metadata: dict[str, str]) -> bool:
             "newer hof, or export it again"
         )
     return "hof.estimates" in metadata
+
+
+def _count(metadata: dict[str, str]) -> int | None:
+    """Return the number of points of the input; None for an encoder of images."""
+    if "hof.points" not in metadata:
+        return None
+    match _metadata(metadata, "hof.points"):
+        case {"count": int(count)} if LEAST_POINTS <= count <= MAX_COUNT:
+            return count
+    raise InvalidModel(f"its metadata 'hof.points' needs a count from {LEAST_POINTS} to {MAX_COUNT}")
 
 
 def _framing(metadata: dict[str, str]) -> Framing:

@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from service.encoding.encoder import Encoder
-from service.errors import InvalidModel, InvalidParameter
+from service.encoding.encoder import Encoder, Input
+from service.errors import InvalidModel, InvalidParameter, UnsupportedMedia
 
 
 class Models:
@@ -36,14 +36,28 @@ class Models:
     def __iter__(self) -> Iterator[Encoder]:
         return iter(self._by_name.values())
 
-    def named(self, name: str | None) -> Encoder:
-        """Return the encoder of that name; None means the default. Raises InvalidParameter, with the loaded names."""
+    def named(self, name: str | None, takes: Input | None = None) -> Encoder:
+        """Return the encoder of that name; None means the first, of those that take the input.
+
+        Raises
+        ------
+        InvalidParameter : no model has that name, or it takes another input.
+        UnsupportedMedia : no name is given, and no loaded model takes the input.
+        """
         if name is None:
-            return next(iter(self))
+            fitting = (encoder for encoder in self if takes in (None, encoder.takes))
+            if (encoder := next(fitting, None)) is None:
+                kind = "points or meshes" if takes == "points" else "images"
+                raise UnsupportedMedia(f"no model for {kind} is loaded: name one with --model or HOF_MODEL")
+            return encoder
         if name not in self._by_name:
             loaded = ", ".join(self._by_name)
             raise InvalidParameter(f"no loaded model is named {name!r}; there is {loaded}", field="model")
-        return self._by_name[name]
+        encoder = self._by_name[name]
+        if takes not in (None, encoder.takes):
+            own = "points or a mesh" if encoder.takes == "points" else "an image"
+            raise InvalidParameter(f"the model {name} takes {own}: send that, or name another model", field="model")
+        return encoder
 
     def warm_up(self) -> None:
         """Run one inference of each encoder."""

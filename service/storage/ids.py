@@ -36,6 +36,11 @@ def views_id(ids: Sequence[str]) -> str:
     return _digest("encoded", {"views": " ".join(ids)})
 
 
+def points_id(data: bytes, model_digest: str) -> str:
+    """Return the id of an object that is completed from points: digest of the file's bytes and of the model file."""
+    return _digest("encoded", {"points": hashlib.sha256(data).hexdigest(), "model": model_digest})
+
+
 def imported_id(spec: MappingSpec, functions: Functions) -> str:
     """Return the id of an imported object: digest of theta, (spec.size,) float32, its spec, and its color if any."""
     parts: dict[str, str | float] = {"spec": spec.to_json(), "theta": _array_digest(functions.theta)}

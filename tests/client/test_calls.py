@@ -185,6 +185,7 @@ def test_models_and_probes_and_metrics_answer(hof: Client) -> None:
     assert (hof.live().status, hof.ready().status) == ("live", "ready")
     first = hof.models().models[0]
     assert hof.model() == hof.model("tiny-k2") == first
+    assert first.framing
     assert (first.name, first.framing.size) == ("tiny-k2", SIZE)
     assert "# TYPE hof_" in hof.metrics()
 

@@ -23,6 +23,7 @@ OPERATIONS = [
 VALUES: Mapping[str, Any] = {
     "image": b"x",
     "photos": [b"x", b"y"],
+    "points": b"0 0 0",
     "weights": b"x",
     "object_id": "0" * 32,
     "path": "object.ply",

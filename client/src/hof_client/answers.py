@@ -167,6 +167,48 @@ class EncodedWeights:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Placement:
+    """The place of a completed object in the frame of the points that were sent.
+
+    A point p of the object frame is `scale` p + `center` there; ask for points with `scale` and add `center`.
+
+    Attributes
+    ----------
+    count : number of points; of a mesh, that were sampled from its surface.
+    """
+
+    center: tuple[float, float, float]
+    scale: float
+    count: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompletedObject(StoredObject):
+    """A stored object that was completed from points, and its weights if the call asked for them.
+
+    Attributes
+    ----------
+    weights : (spec.size,) float32, theta; None unless included.
+    """
+
+    placement: Placement
+    weights: Array | None = field(default=None, compare=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompletedWeights:
+    """An object that was completed from points and not kept: its weights. Fields as in `CompletedObject`."""
+
+    model: str
+    spec: Spec
+    bytes: int
+    dimensions: tuple[float, float, float]
+    frame: Box
+    placement: Placement
+    weights: Array = field(compare=False)
+
+
+@dataclass(frozen=True, kw_only=True)
 class ObjectPage:
     """A page of the list of objects, newest first; `next` is the cursor of the next page, None on the last."""
 
@@ -223,7 +265,8 @@ class Model:
     digest: str
     spec: Spec
     color: Spec | None = None
-    framing: ModelFraming
+    framing: ModelFraming | None = None
+    points: int | None = None
     card: Mapping[str, Any]
 
 

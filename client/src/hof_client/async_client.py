@@ -43,6 +43,8 @@ class AsyncClient:
     encode = awaiting(calls.encode)
     encode_only = awaiting(calls.encode_only)
     encode_views = awaiting(calls.encode_views)
+    encode_points = awaiting(calls.encode_points)
+    encode_points_only = awaiting(calls.encode_points_only)
     import_object = awaiting(calls.import_object)
     objects = awaiting(calls.objects)
     object = awaiting(calls.object)

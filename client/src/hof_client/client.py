@@ -54,6 +54,8 @@ class Client:
     encode = sending(calls.encode)
     encode_only = sending(calls.encode_only)
     encode_views = sending(calls.encode_views)
+    encode_points = sending(calls.encode_points)
+    encode_points_only = sending(calls.encode_points_only)
     import_object = sending(calls.import_object)
     objects = sending(calls.objects)
     object = sending(calls.object)

@@ -1,5 +1,6 @@
 """Batches drawn on the device, with the distribution of `model.data.dataset.draw_batch`."""
 
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -10,9 +11,11 @@ from torch import Tensor
 from model.config import Frame, TrainConfig
 from model.data.augment import ANY_LIGHT, Light
 from model.data.camera_frame import to_camera
-from model.data.dataset import Batch, plain_images
+from model.data.dataset import Batch, parts_batch, plain_images
 from model.data.packed.tensors import Tensors, dequantize
+from model.data.partial import SURFACE, draw_counts
 from model.training.device.augment import Grounds, augment
+from service.encoding.clouds import MOST_POINTS
 from service.mapping.spec import DOMAIN_DIMS, Domain
 
 STREAM: Final = 2  # of random numbers from a seed; 1 is for the orders of objects
@@ -47,24 +50,32 @@ class Draws:
         return torch.from_numpy(rng.permutation(len(self.tensors.units))).to(self.tensors.units.device)
 
     def batch(self, units: Tensor, points: int, target_points: int, light: Light = ANY_LIGHT) -> Batch:
-        """Draw a view of each unit and what belongs to it, from torch's default generator."""
+        """Draw a view of each unit, or a part of it, and what belongs to it, from torch's default generator."""
         device, b = units.device, len(units)
         view = self._views(units)
-        size, crops = self.config.framing.size, self.tensors.images[view]
         mirrored = (torch.rand(b, device=device) < 0.5) & self.config.augmented
-        is_augmented = self.config.augmented
-        images = self._augment(crops, size, self.grounds, light) if is_augmented else plain_images(crops, size)
-        images = torch.where(mirrored.view(b, 1, 1, 1), images.flip(3), images)  # augmentation knows no left and right
+        images = None if self.config.encoder.takes_points else self._images(view, mirrored, light)
+        number = max(target_points, SURFACE) if images is None else target_points
         shape = self.tensors.shape_of[view]
         count, start = self.tensors.counts[shape].view(b, 1), self.tensors.starts[shape].view(b, 1)
         offset = (torch.rand(b, 1, device=device) * count).long()
-        index = start + (offset + torch.arange(target_points, device=device)) % count  # (b, target_points)
+        index = start + (offset + torch.arange(number, device=device)) % count  # (b, number)
         side = torch.where(mirrored, -1.0, 1.0).view(b, 1, 1)  # left and right exchanged: x negated
         true = in_frame(self.config.frame, dequantize(self.tensors.points[index]), self.tensors, view)
         true = torch.cat([true[..., :1] * side, true[..., 1:]], dim=2)
-        colors = None if self.tensors.colors is None else self.tensors.colors[index]
         canonical = uniform_points(self.config.spec.domain, b, points, device)
+        if images is None:
+            config = replace(self.config, target_points=target_points)
+            return parts_batch(true, canonical, config, draw_counts(b, MOST_POINTS, device), MOST_POINTS)
+        colors = None if self.tensors.colors is None else self.tensors.colors[index]
         return Batch(images, canonical, true, colors)
+
+    def _images(self, view: Tensor, mirrored: Tensor, light: Light) -> Tensor:
+        size, crops = self.config.framing.size, self.tensors.images[view]
+        is_augmented = self.config.augmented
+        images = self._augment(crops, size, self.grounds, light) if is_augmented else plain_images(crops, size)
+        # augmentation knows no left and right
+        return torch.where(mirrored.view(-1, 1, 1, 1), images.flip(3), images)
 
     def _views(self, units: Tensor) -> Tensor:
         """Return a random view of each unit, (b,) -> (b,) int64."""

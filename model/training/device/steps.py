@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from model.networks.encoder import DenseMaps, LiteMaps
+from model.networks.encoder import DenseMaps, LiteMaps, channels_last
 from model.networks.resnet18 import ResNetMaps
 from model.training.average import ema_decay
 from model.training.device.draws import Draws, seed_step
@@ -96,10 +96,11 @@ class Steps:
         state = self.state
         config = state.config.at(progress)
         batch = self.draws.batch(self._units, config.points, config.target_points)
-        images = batch.images.contiguous(memory_format=torch.channels_last)
         state.network.train()
         state.optimizer.zero_grad(set_to_none=True)
-        predicted = state.network(images, batch.canonical)
+        predicted = state.network(channels_last(batch.images), batch.canonical)
+        if batch.scale is not None:
+            predicted = predicted * batch.scale
         loss = training_loss(state.config, predicted, batch.canonical, batch.points, progress)
         loss.backward()  # type: ignore[no-untyped-call]
         torch.nn.utils.clip_grad_norm_(self._weights, config.gradient_clip, foreach=True)

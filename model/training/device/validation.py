@@ -8,6 +8,8 @@ from torch import Tensor, nn
 from model.config import TrainConfig
 from model.data.dataset import plain_images
 from model.data.packed.tensors import Tensors, dequantize
+from model.data.partial import SURFACE, fixed_parts
+from model.networks.encoder import channels_last
 from model.networks.ops.dispatch import nearest_index
 from model.training.device.draws import in_frame
 from model.training.losses import gather
@@ -28,20 +30,22 @@ def validate(network: nn.Module, config: TrainConfig, validation: Tensors) -> di
         for units in validation.units.split(config.batch):  # type: ignore[no-untyped-call]
             first, own_end, _ = units.unbind(1)
             chosen = first + torch.minimum(torch.full_like(first, view), own_end - first - 1)
-            images = plain_images(validation.images[chosen], config.framing.size)
-            predicted = network(
-                images.contiguous(memory_format=torch.channels_last), canonical.expand(len(images), -1, -1)
-            )
-            true = in_frame(config.frame, _targets(validation, chosen), validation, chosen)
-            metrics.append(_compare(predicted.float(), true))
+            true = in_frame(config.frame, _targets(validation, chosen, SURFACE), validation, chosen)
+            if config.encoder.takes_points:
+                parts = fixed_parts(true, seed=view)
+                images, true, scale = parts.clouds, true - parts.center, parts.scale
+            else:
+                images, scale = plain_images(validation.images[chosen], config.framing.size), true.new_ones(1)
+            predicted = network(channels_last(images), canonical.expand(len(images), -1, -1)) * scale
+            metrics.append(_compare(predicted.float(), true[:, :TARGET_POINTS]))
     val, f1, f2 = torch.cat(metrics).mean(0).tolist()
     return {"val": val, "f@1%": f1, "f@2%": f2}
 
 
-def _targets(validation: Tensors, views: Tensor) -> Tensor:
-    """Return points of the shapes that the views show, (b, TARGET_POINTS, 3)."""
+def _targets(validation: Tensors, views: Tensor, number: int) -> Tensor:
+    """Return `number` points of the shapes that the views show, (b, number, 3)."""
     shapes = validation.shape_of[views]
-    numbers = torch.arange(TARGET_POINTS, device=views.device) % validation.counts[shapes].view(-1, 1)
+    numbers = torch.arange(number, device=views.device) % validation.counts[shapes].view(-1, 1)
     return dequantize(validation.points[validation.starts[shapes].view(-1, 1) + numbers])
 
 

@@ -4,6 +4,7 @@ from dataclasses import asdict
 from typing import Any
 
 from pydantic import BaseModel, Field
+from pydantic.json_schema import SkipJsonSchema
 
 from service.api.responses.parts import ColorSpec, Spec
 from service.encoding.encoder import Encoder
@@ -23,7 +24,17 @@ class Model(BaseModel):
     digest: str = Field(description="sha256 of the model file, hexadecimal")
     spec: Spec
     color: ColorSpec = None
-    framing: ModelFraming
+    framing: ModelFraming | SkipJsonSchema[None] = Field(
+        default=None,
+        exclude_if=lambda value: value is None,
+        description="of the images that it takes; absent if it takes points",
+    )
+    points: int | SkipJsonSchema[None] = Field(
+        default=None,
+        exclude_if=lambda value: value is None,
+        description="number of points that it sees of those that are sent; absent if it takes images",
+        examples=[2048],
+    )
     card: dict[str, Any] = Field(description="the model card as the file carries it: data, license, figures, limits")
 
     @classmethod
@@ -34,7 +45,8 @@ class Model(BaseModel):
             digest=encoder.digest,
             spec=Spec.of(encoder.spec),
             color=Spec.of(encoder.color_spec) if encoder.color_spec else None,
-            framing=ModelFraming(**asdict(encoder.framing)),
+            framing=ModelFraming(**asdict(encoder.framing)) if encoder.takes == "image" else None,
+            points=encoder.count,
             card=encoder.card,
         )
 

@@ -79,7 +79,7 @@ class StoredObject(BaseModel):
     @classmethod
     def of(cls, record: Record, root_path: str | None) -> "StoredObject":
         """Return the JSON form of a record; its links begin with `root_path`, as a proxy offers them."""
-        return cls(**_object_fields(record, root_path))
+        return cls(**object_fields(record, root_path))
 
 
 class ComposedObjects(BaseModel):
@@ -116,8 +116,8 @@ class EncodedObject(StoredObject):
         cls, record: Record, reports: Sequence[Report], functions: Functions | None, root_path: str | None = None
     ) -> "EncodedObject":
         """Return the JSON form of a record, for the client that sent its images."""
-        weights = _weights_fields(functions) if functions else {}
-        fields = _object_fields(record, root_path) | _image_fields(reports)
+        weights = weights_fields(functions) if functions else {}
+        fields = object_fields(record, root_path) | _image_fields(reports)
         return cls(**fields, **weights)
 
 
@@ -151,7 +151,7 @@ class EncodedWeights(BaseModel):
             frame=Box(**vars(frame)),
             **_image_fields(reports),
             **_estimates_fields(functions.estimates.rounded() if functions.estimates else None),
-            **_weights_fields(functions),
+            **weights_fields(functions),
         )
 
 
@@ -163,7 +163,8 @@ class ObjectPage(BaseModel):
     limit: int
 
 
-def _object_fields(record: Record, root_path: str | None) -> dict[str, Any]:
+def object_fields(record: Record, root_path: str | None) -> dict[str, Any]:
+    """Return the members of `StoredObject` for a record."""
     path = f"{root_path or ''}/objects/{record.id}"
     composed = record.kind == "composed"
     return {
@@ -200,7 +201,7 @@ def _estimates_fields(estimates: Estimates | None) -> dict[str, Any]:
     return {**vars(estimates), "camera": vars(estimates.camera)} if estimates else {}
 
 
-def _weights_fields(functions: Functions) -> dict[str, Any]:
+def weights_fields(functions: Functions) -> dict[str, Any]:
     """Return the numbers of functions as base64 of float32, little-endian."""
     arrays = {"weights": functions.theta} | ({"color_weights": functions.color.weights} if functions.color else {})
     return {name: _base64(array) for name, array in arrays.items()}

@@ -70,7 +70,7 @@ async def encoder_named(
     if version != VERSION:
         raise NotFound(f"the model has no such version; there is {VERSION}")
     try:
-        return runtime.models.named(name)
+        return runtime.models.named(name, "image")
     except InvalidParameter as error:
         raise NotFound(error.detail) from error
 

@@ -8,21 +8,23 @@ from python_multipart.multipart import Field, File, FormParser, parse_options_he
 from starlette.requests import ClientDisconnect, Request
 
 from service.errors import InvalidInput, InvalidParameter, TooLarge
+from service.formats.scans.read import kind_of
 from service.runtime.admission import Admitted, ClientLeft
 from service.runtime.encoding import MAX_IMAGES
 from service.storage.labels import clean_label
 
-FIELDS: Final = ("image", "label")
+FIELDS: Final = ("image", "points", "label")
 MAX_DELIMITERS: Final = 64  # of a form; a form of two fields has three
 MAX_PADDING: Final = 64  # spaces and tabs after a delimiter; nobody sends any
 FORM_OVERHEAD_BYTES: Final = 16_384  # boundaries and headers of a form, and its label
 
 
 class Upload(NamedTuple):
-    """The images of a request, all of one object, and the label for that object."""
+    """The images of a request, all of one object, or a file of points or a mesh; and the label for the object."""
 
     images: tuple[bytes, ...]
     label: str | None = None
+    points: bytes | None = None
 
 
 async def read_body(request: Request, max_bytes: int, admitted: Admitted | None = None) -> bytes:
@@ -54,7 +56,9 @@ async def read_body(request: Request, max_bytes: int, admitted: Admitted | None 
 
 
 async def read_upload(request: Request, max_bytes: int, admitted: Admitted) -> Upload:
-    """Return the images of a request: the fields of a form, or the raw body of any other content type.
+    """Return the images or points of a request: the fields of a form, or the raw body of any other content type.
+
+    A raw body is a file of points, or a mesh, if its content is one.
 
     Its bytes count in the gate of `admitted` as they arrive.
 
@@ -63,37 +67,39 @@ async def read_upload(request: Request, max_bytes: int, admitted: Admitted) -> U
     TooLarge : the images together exceed `max_bytes`.
     Overloaded : the gate is full.
     InvalidInput : the form is malformed.
-    InvalidParameter : the form has other fields than `image`, 1 to MAX_IMAGES times, and one `label`; the same image
-        twice; or a label that is none.
+    InvalidParameter : the form has other fields than `image`, 1 to MAX_IMAGES times, or one `points`, and one `label`;
+        the same image twice; or a label that is none.
     ClientLeft : the client disconnected before the end of the body.
     """
     content_type, options = parse_options_header(request.headers.get("content-type"))
     if content_type != b"multipart/form-data":
-        return Upload((await read_body(request, max_bytes, admitted),))
+        body = await read_body(request, max_bytes, admitted)
+        return Upload((body,)) if kind_of(body) is None else Upload((), points=body)
     body = await read_body(request, max_bytes + FORM_OVERHEAD_BYTES, admitted)
     upload = parse_form(body, options.get(b"boundary", b""))
     if (size := sum(map(len, upload.images))) > max_bytes:
         subject = "image has" if len(upload.images) == 1 else "images together have"
         raise TooLarge(f"the {subject} {size} bytes, the limit is {max_bytes}", field="image")
+    if upload.points is not None and len(upload.points) > max_bytes:
+        raise TooLarge(f"the points have {len(upload.points)} bytes, the limit is {max_bytes}", field="points")
     return upload
 
 
 def parse_form(body: bytes, boundary: bytes) -> Upload:
     """Return the fields of a multipart form: images and, if it is there, `label`. Raises as `read_upload` does."""
     _check_delimiters(body, boundary)
-    images: list[bytes] = []
-    labels: list[bytes] = []
+    fields: dict[str, list[bytes]] = {name: [] for name in FIELDS}
     ended: list[bool] = []
 
     def take(name: bytes | None, value: bytes) -> None:
         # Refusing at once keeps a form of a million tiny parts from being parsed to its end.
         field = (name or b"")[:64].decode("latin-1")
         if field not in FIELDS:
-            raise InvalidParameter("the form may have the fields image and label, no others", field=field)
-        values, limit = (images, MAX_IMAGES) if field == "image" else (labels, 1)
-        if len(values) == limit:
+            raise InvalidParameter("the form may have the fields image or points, and label, no others", field=field)
+        limit = MAX_IMAGES if field == "image" else 1
+        if len(fields[field]) == limit:
             raise InvalidParameter(f"the form has the field {field} more than {limit} times, the limit", field=field)
-        values.append(value)
+        fields[field].append(value)
 
     def take_file(file: File) -> None:
         file.file_object.seek(0)
@@ -116,10 +122,13 @@ def parse_form(body: bytes, boundary: bytes) -> Upload:
         raise InvalidInput("the multipart form is malformed", field="image") from error
     if not ended:
         raise InvalidInput("the multipart form is malformed: its last boundary is missing", field="image")
-    if not images:
-        raise InvalidParameter("the form lacks the field image", field="image")
+    images, points, labels = (fields[name] for name in FIELDS)
+    if not images and not points:
+        raise InvalidParameter("the form lacks the field image, or points", field="image")
+    if images and points:
+        raise InvalidParameter("the form has both image and points: send one of them", field="points")
     _check_distinct(images)
-    return Upload(tuple(images), _label(b"".join(labels)))
+    return Upload(tuple(images), _label(b"".join(labels)), points[0] if points else None)
 
 
 def _check_distinct(images: Sequence[bytes]) -> None:

@@ -9,7 +9,7 @@ import pytest
 from model.cli.flags import values
 from model.cli.main import _parser
 from model.cli.train import _config
-from model.config import COMPARED_RUN, LITE0, PAPER_SCHEDULE, ColorConfig, EncoderConfig, TrainConfig
+from model.config import COMPARED_RUN, LITE0, PAPER_SCHEDULE, POINTNET, ColorConfig, EncoderConfig, TrainConfig
 from service.encoding.framing import Framing
 from service.errors import InvalidSpec
 from service.mapping.spec import HOF_1, HOF_3, MappingSpec
@@ -32,6 +32,7 @@ ALL_FLAGS: dict[str, Any] = {
     "late_points": 6,
     "late_target_points": 7,
     "own_share": 0.3,
+    "turn": 90.0,
     "start": "old/best.pt",
 }
 
@@ -64,8 +65,9 @@ def test_train_with_every_flag_sets_every_field() -> None:
 
 def test_train_with_flags_of_the_encoder_and_framing_sets_them() -> None:
     flags = "--feature-maps 4 5 --convolutions 2 --fully-connected 8 --rank 0 --frozen 1 --joined-maps 6 --fine-maps 7"
+    flags += " --point-maps 1 2 3 4"
     config = config_of(*flags.split(), "--size", 96, "--foreground-ratio", 0.5)
-    assert config.encoder == EncoderConfig((4, 5), 2, (8,), 0, "dense", 1, 6, 7)
+    assert config.encoder == EncoderConfig((4, 5), 2, (8,), 0, "dense", 1, 6, 7, "all", (1, 2, 3, 4))
     assert config.framing == Framing(96, 0.5)
 
 
@@ -79,6 +81,11 @@ def test_train_with_lite0_has_its_presets_unless_set() -> None:
     assert (config_of("--trunk", "lite0").encoder, config_of("--trunk", "lite0").framing) == (LITE0, Framing(128))
     config = config_of("--trunk", "lite0", "--fine-maps", 3, "--size", 160)
     assert (config.encoder, config.framing) == (replace(LITE0, fine_maps=3), Framing(160))
+
+
+def test_train_with_pointnet_has_its_presets_unless_set() -> None:
+    assert config_of("--trunk", "pointnet").encoder == POINTNET
+    assert config_of("--trunk", "pointnet", "--rank", 16).encoder == replace(POINTNET, rank=16)
 
 
 def test_train_with_flags_of_the_mapping_function_sets_the_spec() -> None:

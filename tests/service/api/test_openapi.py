@@ -107,6 +107,10 @@ def test_schema_documents_the_body_of_encode(operations: dict[str, dict[str, Any
         "image/webp",
         "image/avif",
         "image/heic",
+        "model/gltf-binary",
+        "model/obj",
+        "model/stl",
+        "application/octet-stream",
     }
 
 

@@ -17,6 +17,7 @@ from service.mapping.spec import Array, MappingSpec, initial_theta
 SPEC = MappingSpec("tiny", input_dim=3, hidden=(16,), output_dim=3, k=2)
 COLOR_SPEC = MappingSpec("tiny colour", input_dim=3, hidden=(8,), output_dim=3)
 SIZE = 32
+COUNT = 256  # points of the encoder of points
 CARD = {
     "name": "tiny-k2",
     "version": "1",
@@ -97,6 +98,30 @@ def build(
     )
     model: Any = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
     helper.set_model_props(model, metadata(spec, color_spec=color_spec, estimates=estimates) if meta is None else meta)
+    onnx.checker.check_model(model)
+    onnx.save(model, str(path))
+    return path
+
+
+def build_points(path: Path, spec: MappingSpec = SPEC, name: str = "tiny-k2-points", count: int = COUNT) -> Path:
+    """Write a tiny encoder of points: theta is a linear function of the points' mean squares."""
+    matrix, b = parameters(spec)
+    nodes = [
+        helper.make_node("Mul", ["points", "points"], ["squares"]),
+        helper.make_node("ReduceMean", ["squares"], ["mean"], axes=[1], keepdims=0),  # (b, 3)
+        helper.make_node("Gemm", ["mean", "W", "b"], ["theta"]),
+    ]
+    graph = helper.make_graph(
+        nodes,
+        "tiny points",
+        [helper.make_tensor_value_info("points", TensorProto.FLOAT, ["batch", count, 3])],
+        [helper.make_tensor_value_info("theta", TensorProto.FLOAT, ["batch", len(b)])],
+        [numpy_helper.from_array(matrix, "W"), numpy_helper.from_array(b, "b")],
+    )
+    model: Any = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
+    entries = metadata(spec, name)
+    del entries["hof.framing"]
+    helper.set_model_props(model, entries | {"hof.points": json.dumps({"count": count})})
     onnx.checker.check_model(model)
     onnx.save(model, str(path))
     return path

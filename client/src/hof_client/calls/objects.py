@@ -7,7 +7,15 @@ from os import PathLike
 from pathlib import Path
 from typing import Literal
 
-from hof_client.answers import ComposedObjects, EncodedObject, EncodedWeights, ObjectPage, StoredObject
+from hof_client.answers import (
+    CompletedObject,
+    CompletedWeights,
+    ComposedObjects,
+    EncodedObject,
+    EncodedWeights,
+    ObjectPage,
+    StoredObject,
+)
 from hof_client.bodies import Whole, json_reader
 from hof_client.request import Call, Request
 
@@ -51,7 +59,7 @@ def encode(
         "model": model,
         "keep_photo": keep_photo,
     }
-    content, headers = _form([image], label) if label else (_bytes_of(image), {})
+    content, headers = _form("image", [image], label) if label else (_bytes_of(image), {})
     request = Request("POST", "/encode", query=query, content=content, headers=headers)
     return Call(request, json_reader(EncodedObject))
 
@@ -80,7 +88,7 @@ def encode_views(
         "model": model,
         "keep_photo": keep_photo,
     }
-    content, headers = _form(photos, label)
+    content, headers = _form("image", photos, label)
     request = Request("POST", "/encode", query=query, content=content, headers=headers)
     return Call(request, json_reader(EncodedObject))
 
@@ -96,6 +104,39 @@ def encode_only(
     query = {"store": False, "background": background, "foreground_ratio": foreground_ratio, "model": model}
     request = Request("POST", "/encode", query=query, content=_bytes_of(image))
     return Call(request, json_reader(EncodedWeights))
+
+
+def encode_points(
+    points: File,
+    *,
+    include: Literal["weights"] | None = None,
+    model: str | None = None,
+    label: str | None = None,
+) -> Call[CompletedObject]:
+    """Turn points of a part of an object, or a mesh, into the whole object, and keep it.
+
+    `placement` of the answer tells where the object lies in the frame of the points.
+
+    Parameters
+    ----------
+    points : bytes or path of PLY, PCD, NPY or XYZ points, 64 or more, or of a GLB, OBJ or STL mesh.
+    include, model, label : as in `encode`; by default the first model that takes points.
+
+    Raises
+    ------
+    UnsupportedMedia : another format, or no model that takes points is loaded.
+    InvalidInput, InvalidParameter, TooLarge, StoreFull : see `hof_client.problems`.
+    """
+    content, headers = _form("points", [points], label)
+    request = Request("POST", "/encode", query={"include": include, "model": model}, content=content, headers=headers)
+    return Call(request, json_reader(CompletedObject))
+
+
+def encode_points_only(points: File, *, model: str | None = None) -> Call[CompletedWeights]:
+    """Turn points into weights, and keep nothing. Parameters and errors as in `encode_points`."""
+    content, headers = _form("points", [points], None)
+    request = Request("POST", "/encode", query={"store": False, "model": model}, content=content, headers=headers)
+    return Call(request, json_reader(CompletedWeights))
 
 
 def import_object(weights: File) -> Call[StoredObject]:
@@ -155,13 +196,13 @@ def _compose(objects: Sequence[str], mode: str) -> Request:
     return Request("POST", "/compose", content=content, headers={"Content-Type": "application/json"})
 
 
-def _form(images: Sequence[File], label: str | None) -> tuple[bytes, dict[str, str]]:
-    """Return a multipart form of images and their label, and its headers."""
+def _form(name: str, files: Sequence[File], label: str | None) -> tuple[bytes, dict[str, str]]:
+    """Return a multipart form of files in fields of one name and of their label, and its headers."""
     boundary = secrets.token_hex(16)
     field = f'--{boundary}\r\nContent-Disposition: form-data; name="'
     parts = [f'{field}label"\r\n\r\n{label}\r\n'.encode()] if label else []
-    for image in images:
-        parts += [f'{field}image"; filename="image"\r\n\r\n'.encode(), _bytes_of(image), b"\r\n"]
+    for file in files:
+        parts += [f'{field}{name}"; filename="{name}"\r\n\r\n'.encode(), _bytes_of(file), b"\r\n"]
     content = b"".join([*parts, f"--{boundary}--\r\n".encode()])
     return content, {"Content-Type": f"multipart/form-data; boundary={boundary}"}
 
