@@ -27,7 +27,7 @@ from service.encoding.report import ImageReport
 from service.mapping import compiled
 from service.mapping.box import measure
 from service.mapping.sampler import hold_blas_to_one_thread
-from service.runtime.photos import photo_id, photo_key, photo_record
+from service.runtime.inputs.photos import photo_id, photo_key, photo_record
 from service.settings import SHIPPED_MODEL
 from service.storage.rows import Record
 from service.storage.store import Store

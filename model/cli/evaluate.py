@@ -136,7 +136,7 @@ def _evaluate(arguments: argparse.Namespace) -> None:
 def _export(arguments: argparse.Namespace) -> None:
     from model.data.manifest import Manifest, piece_entries
     from model.evaluation.comparison import encoder_record, references
-    from model.evaluation.completion import measure_completion
+    from model.evaluation.paper.completion import measure_completion
     from model.export import export
     from model.networks.color_head import load
     from model.report.card import figures, make_card, page

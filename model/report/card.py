@@ -141,6 +141,19 @@ def figures(evaluations: list[Evaluation]) -> dict[str, dict[str, list[float]]]:
     }
 
 
+def _input(config: dict[str, Any]) -> tuple[str, str, str, str]:
+    """Return the kind of an encoder, its input as people send it, as it sees it, and as it was tested."""
+    if config["encoder"]["trunk"] == "pointnet":
+        box = "64 points or more, in the frame of their own box"
+        return "Point", "points of a part of an object", box, "parts of each as in training"
+    return (
+        "Image",
+        "one RGB image of an object",
+        f"images of {config['framing']['size']} pixels a side",
+        "4 of 24 views",
+    )
+
+
 def page(card: dict[str, Any], parameters: int, bytes_: int) -> str:
     """Return the card as a Markdown page."""
     training, data, color, exported = card["training"], card["data"], card.get("color"), card["exported"]
@@ -149,17 +162,7 @@ def page(card: dict[str, Any], parameters: int, bytes_: int) -> str:
     color_head = (
         f"a head on the frozen encoder, {color['images']:,} images, {color['minutes']} minutes" if color else "none"
     )
-    side = training["config"]["framing"]["size"]
-    is_of_points = training["config"]["encoder"]["trunk"] == "pointnet"
-    if is_of_points:
-        source, inputs = "points of a part of an object", "64 points or more, in the frame of their own box"
-        test = "parts of each as in training"
-    else:
-        source, inputs = (
-            "one RGB image of an object",
-            f"images of {side} pixels a side",
-        )
-        test = "4 of 24 views"
+    kind, source, inputs, test = _input(training["config"])
     means = [[method, *(f"{values[name][0]:.3f}" for name in NAMES)] for method, values in card["figures"].items()]
     return f"""# Model card: {card["name"]}
 
@@ -167,7 +170,7 @@ Written by `hof-model export` from the metadata of the file. `GET /model` serves
 
 - **Function**: {source} -> theta, the {training["config"]["spec"]["name"]} mapping function of
   {parameters:,} numbers, applied k = {training["config"]["spec"]["k"]} times. {card["method"]}.
-- **{"Point" if is_of_points else "Image"} encoder**: {card["trunk"]}; {inputs}.
+- **{kind} encoder**: {card["trunk"]}; {inputs}.
 - **File**: `{card["name"]}.onnx`, {bytes_:,} bytes; matrices stored as float16, computed in float32.
 - **License**: {card["license"]}.
 - **Data**: {data["objects"]["train"]} training, {data["objects"]["val"]} validation and {data["objects"]["test"]} test

@@ -6,7 +6,7 @@ from torch import Tensor, nn
 
 from model.config import TrainConfig
 from model.data.dataset import Examples, plain_images
-from model.data.partial import fixed_parts
+from model.data.rendering.partial import fixed_parts
 from model.metrics import compare
 from model.networks.encoder import channels_last
 from model.training.device.validation import TARGET_POINTS, VALIDATION_POINTS, VIEWS

@@ -25,9 +25,9 @@ from service.errors import HofError, InvalidParameter
 from service.formats.scans.read import kind_of
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump
 from service.mapping.box import measure
-from service.runtime.encoding import MAX_IMAGES, averaged
+from service.runtime.inputs.scans import Placement, point_input
+from service.runtime.inputs.views import MAX_IMAGES, averaged
 from service.runtime.options import EncodeOptions
-from service.runtime.scans import Placement, point_input
 from service.settings import Settings
 
 

@@ -105,26 +105,11 @@ def _parser() -> argparse.ArgumentParser:
 
 def _add_commands(stages: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Add the commands that need no server (`service.cli.files`)."""
-    stage = stages.add_parser(
-        "encode", help="turn photos of one object into points or weights", description=encode.encode.__doc__
+    _add_encode(
+        stages.add_parser(
+            "encode", help="turn photos of one object into points or weights", description=encode.encode.__doc__
+        )
     )
-    stage.add_argument(
-        "photo", type=Path, help="PNG, JPEG, WebP or AVIF, or HEIC with the extra `heic`; points or a mesh; - for stdin"
-    )
-    stage.add_argument(
-        "--view",
-        type=Path,
-        action="append",
-        default=[],
-        metavar="PHOTO",
-        help="another photo of the same object, from another side; repeat for up to 7",
-    )
-    _add_output(stage, [*(fmt.extension for fmt in POINT_FORMATS.values()), WEIGHT_FORMATS["safetensors"].extension])
-    _add_sampling(stage)
-    add_framing(stage)
-    add_settings(stage, only={"model", "matting_model", "max_image_pixels", "threads"})
-    stage.set_defaults(run=encode.encode)
-
     encode_many.add_stage(
         stages.add_parser("encode-many", help="turn many photos into a table", description=encode_many.run.__doc__)
     )
@@ -154,6 +139,25 @@ def _add_commands(stages: "argparse._SubParsersAction[argparse.ArgumentParser]")
     info = stages.add_parser("info", help="describe a weights file", description=files.info.__doc__)
     info.add_argument("weights", type=Path, help="a .safetensors file; - for stdin")
     info.set_defaults(run=files.info)
+
+
+def _add_encode(stage: argparse.ArgumentParser) -> None:
+    stage.add_argument(
+        "photo", type=Path, help="PNG, JPEG, WebP or AVIF, or HEIC with the extra `heic`; points or a mesh; - for stdin"
+    )
+    stage.add_argument(
+        "--view",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="PHOTO",
+        help="another photo of the same object, from another side; repeat for up to 7",
+    )
+    _add_output(stage, [*(fmt.extension for fmt in POINT_FORMATS.values()), WEIGHT_FORMATS["safetensors"].extension])
+    _add_sampling(stage)
+    add_framing(stage)
+    add_settings(stage, only={"model", "matting_model", "max_image_pixels", "threads"})
+    stage.set_defaults(run=encode.encode)
 
 
 def _add_path(stage: argparse.ArgumentParser) -> None:

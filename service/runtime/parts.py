@@ -13,8 +13,8 @@ from service.encoding.matting import Matting
 from service.encoding.registry import Models
 from service.runtime.admission import Gates
 from service.runtime.batcher import Batcher
+from service.runtime.inputs.photos import RecentPhotos
 from service.runtime.liveness import LivenessProbe
-from service.runtime.photos import RecentPhotos
 from service.settings import Settings
 from service.storage.store import Store
 from service.telemetry.metrics import Metrics

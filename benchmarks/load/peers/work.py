@@ -12,7 +12,7 @@ from service.mapping import compiled
 from service.mapping.box import examine
 from service.mapping.sampler import hold_blas_to_one_thread
 from service.mapping.spec import Functions
-from service.runtime.photos import photo_id, photo_record
+from service.runtime.inputs.photos import photo_id, photo_record
 from service.settings import SHIPPED_MODEL
 from service.storage.rows import Record
 

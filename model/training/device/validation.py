@@ -8,7 +8,7 @@ from torch import Tensor, nn
 from model.config import TrainConfig
 from model.data.dataset import plain_images
 from model.data.packed.tensors import Tensors, dequantize
-from model.data.partial import SURFACE, fixed_parts
+from model.data.rendering.partial import SURFACE, fixed_parts
 from model.networks.encoder import channels_last
 from model.networks.ops.dispatch import nearest_index
 from model.training.device.draws import in_frame

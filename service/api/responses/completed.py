@@ -10,7 +10,7 @@ from service.api.responses.objects import StoredObject, Weights64, object_fields
 from service.api.responses.parts import Box, Dimensions, Spec
 from service.mapping.frame import Frame
 from service.mapping.spec import Functions, MappingSpec
-from service.runtime import scans
+from service.runtime.inputs import scans
 from service.storage.rows import Record
 
 

@@ -23,11 +23,11 @@ from service.errors import InvalidParameter
 from service.formats.scans.read import NAMES
 from service.mapping.frame import Frame as ObjectFrame
 from service.mapping.spec import Functions
-from service.runtime.encoding import MAX_IMAGES, Photos, encode_all, frame_all, id_of
 from service.runtime.frames import complete_record
+from service.runtime.inputs.photos import PhotoKey, RecentPhoto, photo_key, photo_record
+from service.runtime.inputs.scans import Placement, complete, point_input, points_record
+from service.runtime.inputs.views import MAX_IMAGES, Photos, encode_all, frame_all, id_of
 from service.runtime.parts import Runtime
-from service.runtime.photos import PhotoKey, RecentPhoto, photo_key, photo_record
-from service.runtime.scans import Placement, complete, point_input, points_record
 from service.storage.ids import points_id
 from service.storage.labels import LABEL_SCHEMA
 from service.storage.rows import Details, Record

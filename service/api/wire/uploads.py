@@ -1,6 +1,6 @@
 """Request bodies with a limit: bytes are counted as they arrive, chunked bodies included."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
 from python_multipart.exceptions import FormParserError
@@ -10,7 +10,7 @@ from starlette.requests import ClientDisconnect, Request
 from service.errors import InvalidInput, InvalidParameter, TooLarge
 from service.formats.scans.read import kind_of
 from service.runtime.admission import Admitted, ClientLeft
-from service.runtime.encoding import MAX_IMAGES
+from service.runtime.inputs.views import MAX_IMAGES
 from service.storage.labels import clean_label
 
 FIELDS: Final = ("image", "points", "label")
@@ -122,6 +122,11 @@ def parse_form(body: bytes, boundary: bytes) -> Upload:
         raise InvalidInput("the multipart form is malformed", field="image") from error
     if not ended:
         raise InvalidInput("the multipart form is malformed: its last boundary is missing", field="image")
+    return _upload(fields)
+
+
+def _upload(fields: Mapping[str, list[bytes]]) -> Upload:
+    """Return the fields of a form, by name. Raises InvalidParameter for a combination that makes no object."""
     images, points, labels = (fields[name] for name in FIELDS)
     if not images and not points:
         raise InvalidParameter("the form lacks the field image, or points", field="image")

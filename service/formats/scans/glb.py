@@ -56,11 +56,11 @@ def _instances(document: dict[str, Any]) -> Iterator[tuple[int, Doubles]]:
     nodes = document["nodes"]
     scene = document["scenes"][document.get("scene", 0)]
     waiting = [(number, np.eye(4)) for number in scene.get("nodes", [])]
-    seen = 0
+    visits = 0
     while waiting:
         number, above = waiting.pop()
-        seen += 1
-        if seen > MAX_NODES or len(waiting) > MAX_NODES:
+        visits += 1
+        if visits > MAX_NODES or len(waiting) > MAX_NODES:
             raise TooLarge(f"the scene has more than {MAX_NODES} nodes, the limit", field="points")
         node = nodes[number]
         matrix = above @ _matrix(node)

@@ -11,7 +11,7 @@ from service.encoding.framing import Background, preprocess
 from service.encoding.matting import Matting
 from service.errors import HofError, TooLarge
 from service.mapping.box import measure
-from service.runtime.photos import photo_id, photo_record
+from service.runtime.inputs.photos import photo_id, photo_record
 from service.storage.rows import Entry
 from service.storage.transfer.table import Item
 

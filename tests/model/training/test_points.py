@@ -11,8 +11,8 @@ import torch
 from model import cli
 from model.config import ON_CPU, EncoderConfig
 from model.data.dataset import draw_batch, load_examples
-from model.evaluation.completion import complete, training_part
 from model.evaluation.evaluate import cases
+from model.evaluation.paper.completion import complete, training_part
 from model.training.checkpoints import chosen_checkpoint, load_encoder
 from model.training.device.loop import train_on_device
 from model.training.state import RunState

@@ -6,8 +6,8 @@ import httpx
 import pytest
 
 from service.encoding.framing import preprocess
-from service.runtime import encoding
-from service.runtime.photos import PhotoKey, RecentPhoto, RecentPhotos
+from service.runtime.inputs import views
+from service.runtime.inputs.photos import PhotoKey, RecentPhoto, RecentPhotos
 from service.settings import Settings
 from tests.support.photos import disc, image_file
 from tests.support.server import running
@@ -17,7 +17,7 @@ from tests.support.server import running
 def decoding(monkeypatch: pytest.MonkeyPatch) -> Mock:
     """Return a mock that counts the photos that are decoded."""
     decoding = Mock(wraps=preprocess)
-    monkeypatch.setattr(encoding, "preprocess", decoding)
+    monkeypatch.setattr(views, "preprocess", decoding)
     return decoding
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from service.mapping.spec import Array
-from service.runtime.encoding import MAX_IMAGES
+from service.runtime.inputs.views import MAX_IMAGES
 from service.settings import Settings
 from tests.support.photos import disc, image_file
 from tests.support.server import check_refused, running

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from model.data.manifest import Split
-from model.data.partial import fixed_parts
+from model.data.rendering.partial import fixed_parts
 from model.evaluation.evaluate import PREDICTED_POINTS, Case, Evaluation, Floats, cases, draw, measure_objects
 from model.metrics import NAMES, compare
 from service.encoding.clouds import normalize

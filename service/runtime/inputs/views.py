@@ -15,8 +15,8 @@ from service.formats.rounding import rounded
 from service.mapping.box import measure
 from service.mapping.frame import Frame
 from service.runtime.composition import mean_of
+from service.runtime.inputs.photos import photo_id
 from service.runtime.parts import Runtime
-from service.runtime.photos import photo_id
 from service.storage.ids import views_id
 
 MAX_IMAGES: Final = 8  # of one object

@@ -5,7 +5,16 @@ import pytest
 import torch
 from torch import Tensor
 
-from model.data.partial import SURFACE, Parts, draw_counts, draw_parts, fixed_parts, on_one_side, seen_from, turned
+from model.data.rendering.partial import (
+    SURFACE,
+    Parts,
+    draw_counts,
+    draw_parts,
+    fixed_parts,
+    on_one_side,
+    seen_from,
+    turned,
+)
 from service.encoding.clouds import LEAST_POINTS, MOST_POINTS, normalize
 from tests.support.small.data import box
 
@@ -61,9 +70,9 @@ def test_seen_from_keeps_the_faces_that_a_camera_sees() -> None:
     points = torch.from_numpy(box(0))[None, :SURFACE]
     half = points.abs().amax(1)[0]
     front, back = (torch.isclose(points[0, :, 2], sign * half[2], atol=1e-4) for sign in (1, -1))
-    seen = seen_from(points, torch.tensor([[0.0, 0.0, 1.0]]))[0]
-    assert seen[front].float().mean() > 0.99
-    assert not seen[back].any()
+    mask = seen_from(points, torch.tensor([[0.0, 0.0, 1.0]]))[0]
+    assert mask[front].float().mean() > 0.99
+    assert not mask[back].any()
 
 
 def test_draw_counts_spans_the_limits_of_the_encoder() -> None:

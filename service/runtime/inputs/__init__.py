@@ -1,0 +1,1 @@
+"""What objects are encoded from: photos, several views of one object, points and meshes."""
