@@ -1,1 +1,1 @@
-"""What objects are encoded from: photos, several views of one object, points and meshes."""
+"""Inputs that objects are encoded from: photos, several views of one object, points and meshes."""
