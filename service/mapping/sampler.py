@@ -19,6 +19,8 @@ from service.mapping.frame import Frame
 from service.mapping.spec import Array, MappingSpec, layers
 
 TILE: Final = 512  # points
+SHORT_TILE: Final = 256  # points, for layers as wide as `SHORT_FOR`: a small cloud takes half the time
+SHORT_FOR: Final = range(65, 513)  # hidden units; for fewer, more calls of NumPy cost more than they save
 CHUNK: Final = 65_536  # points
 SCALES: Final = (1e-9, 1e9)  # smallest and largest
 
@@ -160,20 +162,20 @@ class _Tiles:
     [W b] is one matrix, and every array it multiplies ends in a row of ones, so that a layer is one product.
     """
 
-    align: Final = TILE
-
     def __init__(self, spec: MappingSpec, word: Sequence[Array]) -> None:
         self._spec = spec
+        self.align: Final = SHORT_TILE if max(spec.hidden) in SHORT_FOR else TILE
         self._functions = pack_distinct(partial(_pack, spec), word[::-1])
 
     def map(self, x: Array, _: int) -> Array:
         """Map canonical points, (input_dim, n) with n a multiple of `align`, to the object's points, (3, n)."""
-        inputs, output = _above_ones(self._spec.input_dim), _above_ones(self._spec.output_dim)
-        hidden = [_above_ones(width) for width in self._spec.hidden]
-        floor = zeros(max(self._spec.hidden) * TILE).reshape(-1, TILE)
+        tile = self.align
+        inputs, output = _above_ones(self._spec.input_dim, tile), _above_ones(self._spec.output_dim, tile)
+        hidden = [_above_ones(width, tile) for width in self._spec.hidden]
+        floor = zeros(max(self._spec.hidden) * tile).reshape(-1, tile)
         y = np.empty((self._spec.output_dim, x.shape[1]), np.float32)
-        for at in range(0, x.shape[1], TILE):
-            inputs[:-1] = x[:, at : at + TILE]
+        for at in range(0, x.shape[1], tile):
+            inputs[:-1] = x[:, at : at + tile]
             source = inputs
             for matrices in self._functions:
                 for matrix, result in zip(matrices, [*hidden, output], strict=True):
@@ -183,13 +185,13 @@ class _Tiles:
                     elif result is not output:
                         np.tanh(result[:-1], out=result[:-1])
                     source = result
-            y[:, at : at + TILE] = output[:-1]
+            y[:, at : at + tile] = output[:-1]
         return y
 
 
-def _above_ones(rows: int) -> Array:
-    """Return memory for the values of a tile, with a row of ones below them: (rows + 1, TILE)."""
-    array = aligned((rows + 1) * TILE).reshape(rows + 1, TILE)
+def _above_ones(rows: int, tile: int) -> Array:
+    """Return memory for the values of a tile, with a row of ones below them: (rows + 1, tile)."""
+    array = aligned((rows + 1) * tile).reshape(rows + 1, tile)
     array[-1] = 1
     return array
 
