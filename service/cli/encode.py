@@ -29,6 +29,7 @@ from service.runtime.inputs.scans import Placement, point_input
 from service.runtime.inputs.views import MAX_IMAGES, averaged
 from service.runtime.options import EncodeOptions
 from service.settings import Settings
+from service.storage.labels import clean_label
 
 
 def encode(arguments: argparse.Namespace) -> None:
@@ -38,7 +39,10 @@ def encode(arguments: argparse.Namespace) -> None:
     takes them. stderr tells how the object was separated from its background, or where it lies among the points.
     """
     settings = settings_of(arguments)
+    label = clean_label(arguments.label)
     if suffix_of(arguments) != WEIGHT_FORMATS["safetensors"].extension:
+        if label:
+            raise InvalidParameter("only a weights file has a label: write one with -o NAME.safetensors", field="label")
         point_options(arguments)  # fails before the work begins
     paths = [arguments.photo, *arguments.view]
     if paths.count(STDIO) > 1:
@@ -91,7 +95,8 @@ def _write(arguments: argparse.Namespace, encoder: Encoder, functions: Encoded, 
     """Write the weights or the points, and return a line that says which."""
     frame, name = measure(encoder.spec, functions.theta), shown_name(arguments.output)
     if suffix_of(arguments) == WEIGHT_FORMATS["safetensors"].extension:
-        weights = Weights(encoder.spec, functions.theta, encoder.name, color=functions.color, frame=frame)
+        theta, color, label = functions.theta, functions.color, clean_label(arguments.label)
+        weights = Weights(encoder.spec, theta, encoder.name, color=color, frame=frame, label=label)
         write_file(arguments.output, [dump(weights, "safetensors")])
         return f"{name}: weights of {encoder.name}"
     count = write_points(arguments, encoder.spec, functions, frame, functions.estimates, report)

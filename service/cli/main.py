@@ -153,6 +153,7 @@ def _add_encode(stage: argparse.ArgumentParser) -> None:
         metavar="PHOTO",
         help="another photo of the same object, from another side; repeat for up to 7",
     )
+    stage.add_argument("--label", default="", help="name of the object, one line; kept in a .safetensors file")
     _add_output(stage, [*(fmt.extension for fmt in POINT_FORMATS.values()), WEIGHT_FORMATS["safetensors"].extension])
     _add_sampling(stage)
     add_framing(stage)

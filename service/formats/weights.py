@@ -46,6 +46,7 @@ class Weights:
     frame : the object's box in the function's own numbers; None if it was not measured.
     dtype : type of the numbers in a file; in memory they are float32.
     loss : of a file that was read: what the type costs, if the file says so.
+    label : the name that people gave the object; None without one.
     """
 
     spec: MappingSpec
@@ -56,6 +57,7 @@ class Weights:
     frame: Frame | None = None
     dtype: Dtype = "float32"
     loss: Loss | None = None
+    label: str | None = None
 
     @property
     def functions(self) -> Functions:
@@ -68,6 +70,8 @@ class Weights:
         labels = {"format": FORMAT, "model": self.model, "spec": self.spec.to_json()}
         if self.frame:
             labels["frame"] = self.frame.to_json()
+        if self.label:
+            labels["label"] = self.label
         return labels | {"format": WORD_FORMAT, "word": json.dumps(self.word)} if self.word else labels
 
 
@@ -158,7 +162,8 @@ def load(data: bytes) -> Weights:
     color = Color(color_spec, _from_tensors("color", color_spec, arrays)) if color_spec else None
     frame = Frame.from_json(metadata["frame"]) if "frame" in metadata else None
     loss = _loss(metadata["loss"]) if "loss" in metadata else None
-    return Weights(spec, _from_tensors("theta", spec, arrays), model, word, color, frame, dtype, loss)
+    label = _label(metadata["label"]) if "label" in metadata else None
+    return Weights(spec, _from_tensors("theta", spec, arrays), model, word, color, frame, dtype, loss, label)
 
 
 def _color_spec(text: object, spec: MappingSpec) -> MappingSpec:
@@ -247,6 +252,14 @@ def _word(text: object, k: int) -> tuple[str, ...]:
     for name in word:
         _check_label(name)
     return tuple(word)
+
+
+def _label(text: object) -> str:
+    """Read the name that people gave the object. Raises CorruptWeights."""
+    if not isinstance(text, str):
+        raise CorruptWeights('"label" in the metadata is not a string')
+    _check_label(text)
+    return text
 
 
 def _check_label(text: str) -> None:

@@ -24,6 +24,7 @@ from service.mapping.spec import Functions, MappingSpec
 from service.runtime.cost import cost_of
 from service.runtime.frames import complete_record
 from service.storage.ids import imported_id
+from service.storage.labels import clean_label
 from service.storage.rows import Record
 
 router = APIRouter(prefix="/objects", tags=["objects"])
@@ -94,5 +95,7 @@ def _examine(spec: MappingSpec, functions: Functions, dtype: StoreDtype) -> tupl
 
 def _record(weights: Weights, functions: Functions, frame: Frame) -> Record:
     color_spec = weights.color.spec if weights.color else None
-    id_ = imported_id(weights.spec, functions)
-    return Record(id_, "imported", weights.model, weights.spec, datetime.now(UTC), color_spec=color_spec, frame=frame)
+    id_, label = imported_id(weights.spec, functions), clean_label(weights.label or "")
+    return Record(
+        id_, "imported", weights.model, weights.spec, datetime.now(UTC), color_spec=color_spec, frame=frame, label=label
+    )

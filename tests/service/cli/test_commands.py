@@ -36,6 +36,22 @@ def test_sample_of_encoded_weights_equals_encoded_points(here: Path) -> None:
     assert (here / "sampled.npy").read_bytes() == (here / "encoded.npy").read_bytes()
 
 
+def test_encode_with_a_label_names_the_object_that_the_service_imports(
+    here: Path, client: httpx.Client, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["encode", "photo.png", "-o", "plain.safetensors"]) == 0
+    assert main(["encode", "photo.png", "-o", "named.safetensors", "--label", " Desk chair "]) == 0
+    named = (here / "named.safetensors").read_bytes()
+    assert load(named).label == "Desk chair"
+    assert load((here / "plain.safetensors").read_bytes()).label is None
+    answer = client.post("/objects", content=named)
+    assert (answer.status_code, answer.json()["label"]) == (201, "Desk chair")
+    assert main(["encode", "photo.png", "-o", "out.ply", "--label", "Desk chair"]) == 2
+    assert "only a weights file has a label" in capsys.readouterr().err
+    assert main(["encode", "photo.png", "-o", "out.safetensors", "--label", "two\nlines"]) == 2
+    assert "one line" in capsys.readouterr().err
+
+
 def test_encode_with_framing_options_changes_theta(here: Path) -> None:
     options: list[list[str]] = [[], ["--background", "keep"], ["--foreground-ratio", "0.5"]]
     for index, extra in enumerate(options):

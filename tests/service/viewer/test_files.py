@@ -19,6 +19,13 @@ OWN_FILES = [
     *viewer.STATIC.glob("css/*"),
     *viewer.STATIC.glob("js/**/*.js"),
 ]
+PAGE_FILES = [
+    *viewer.STATIC.glob("*.svg"),
+    *viewer.STATIC.glob("css/*"),
+    *viewer.STATIC.glob("js/**/*.js"),
+    *viewer.STATIC.glob("photos/*"),
+]
+MOST_BYTES = 300_000  # of the page on the wire, but for three.js
 INDEX = (viewer.STATIC / "index.html").read_text("utf-8")
 
 
@@ -97,6 +104,16 @@ def test_static_files_refer_only_to_existing_files_by_relative_addresses(client:
             assert client.get(f"{folder}/{name}").status_code == 200, (path.name, name)
         assert not re.search(r"""["'`]/(viewer|objects|encode|compose|models|docs|openapi)""", text), path.name
         assert not re.search(r"https?://(?!www\.w3\.org/2000/svg)", text), path.name
+
+
+def test_page_without_three_js_is_light(client: httpx.Client) -> None:
+    names = ["/", *(f"/viewer/{path.relative_to(viewer.STATIC).as_posix()}" for path in PAGE_FILES)]
+    sizes = {}
+    for name in names:
+        with client.stream("GET", name, headers={"Accept-Encoding": "gzip"}) as answer:
+            assert answer.status_code == 200
+            sizes[name] = sum(len(part) for part in answer.iter_raw())
+    assert sum(sizes.values()) < MOST_BYTES, sizes
 
 
 def test_bundle_contains_the_licenses() -> None:

@@ -1,0 +1,134 @@
+"""Every state of the page, light and dark, on a desk and on phones: axe finds nothing, and nothing sticks out."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, Page, expect
+
+from tests.support.browsing import PICTURES, TRIANGLES, opened, photo
+
+AXE = Path(__file__).parent / "tools" / "node_modules" / "axe-core" / "axe.min.js"
+RULES = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]
+SIZES = [(1280, 1000), (390, 844), (360, 640)]
+
+State = Callable[[Page], None]
+
+
+@pytest.fixture(params=["light", "dark"])
+def scheme(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+@pytest.fixture(params=SIZES, ids=lambda size: f"{size[0]}x{size[1]}")
+def visitor(request: pytest.FixtureRequest, browser: Browser, address: str, scheme: str) -> Iterator[Page]:
+    """Open the page at a size, light or dark."""
+    width, height = request.param
+    options: dict[str, Any] = {"viewport": {"width": width, "height": height}, "color_scheme": scheme}
+    with browser.new_context(**options, has_touch=width < 500) as context:
+        yield opened(context.new_page(), address)
+
+
+def _points(page: Page) -> None:
+    expect(page.locator("#count")).to_have_text("10,000 points")
+
+
+def _to_gallery(page: Page) -> None:
+    """Scroll to the cards: those far from the view are empty."""
+    page.locator("#gallery ul").evaluate("(list) => list.scrollIntoView()")
+
+
+def _named(page: Page) -> None:
+    page.get_by_label("Name", exact=True).fill("A chair with a rather long name that does not fit into its card")
+    page.keyboard.press("Enter")
+    _to_gallery(page)
+    expect(page.locator("#gallery li.shown .open")).to_contain_text("A chair with")
+
+
+def _live(page: Page) -> None:
+    page.get_by_role("switch", name="From the function").check()
+    expect(page.locator("#function")).to_be_visible()
+
+
+def _path(page: Page) -> None:
+    page.get_by_text("Path for a robot").click()
+    expect(page.locator("#way")).to_contain_text("long")
+
+
+def _no_path(page: Page) -> None:
+    page.locator("#clearance").fill("1")
+    page.keyboard.press("Tab")
+    expect(page.locator("#way")).to_contain_text("No way")
+
+
+def _photo(page: Page) -> None:
+    page.set_input_files("#file", photo("chair"))
+    expect(page.locator("#framing figcaption")).to_contain_text("transparency")
+
+
+def _crop(page: Page) -> None:
+    page.get_by_role("button", name="Crop").click()
+    expect(page.locator("#crop-size")).to_contain_text("pixels")
+
+
+def _error(page: Page) -> None:
+    page.get_by_role("button", name="Cancel").click()
+    page.set_input_files("#file", {"name": "no.png", "mimeType": "image/png", "buffer": b"no image"})
+    expect(page.locator("#problem")).to_be_visible()
+
+
+def _words(page: Page) -> None:
+    _to_gallery(page)
+    mix = page.locator("#gallery .mix:not([disabled])")
+    mix.nth(0).click()
+    mix.nth(1).click()
+    expect(page.locator("#words button")).to_have_count(4)
+
+
+def _morph(page: Page) -> None:
+    page.locator("#between").press("End")
+    expect(page.locator("#sides")).to_be_visible()
+
+
+def _surface(page: Page) -> None:
+    _to_gallery(page)
+    page.locator("#gallery .open").first.click()
+    page.get_by_role("switch", name="Surface").check()
+    expect(page.locator("#count")).to_have_text(TRIANGLES)
+
+
+def _deleted(page: Page) -> None:
+    page.route("**/objects/*", lambda route: route.fulfill(status=204))  # the objects stay for the next test
+    _to_gallery(page)
+    page.locator("#gallery .delete").last.click()
+    expect(page.get_by_role("button", name="Undo")).to_be_visible()
+
+
+STATES: dict[str, State] = {
+    each.__name__.strip("_"): each
+    for each in (
+        *(_points, _named, _live, _path, _no_path, _photo, _crop, _error),
+        *(_words, _morph, _surface, _deleted),
+    )
+}
+
+
+def test_states_have_no_fault_that_axe_finds_and_nothing_sticks_out(visitor: Page, scheme: str) -> None:
+    page = visitor
+    assert AXE.is_file(), f"run `npm ci --prefix {AXE.parents[2]}`"
+    page.evaluate(AXE.read_text("utf-8"))
+    width = page.evaluate("innerWidth")
+    faults = []
+    for name, reach in STATES.items():
+        reach(page)
+        page.screenshot(path=PICTURES / f"state-{name}-{width}-{scheme}.png", full_page=True)
+        report = page.evaluate("(values) => axe.run({ runOnly: { type: 'tag', values } })", RULES)
+        faults += [
+            f"{name}: {each['id']}: {node['target']} {node['failureSummary']}"
+            for each in report["violations"]
+            for node in each["nodes"]
+        ]
+        if page.evaluate("document.documentElement.scrollWidth") > width:
+            faults.append(f"{name}: sticks out")
+    assert faults == []
