@@ -8,6 +8,7 @@ import { pictureOf } from "./picture.js";
 import { Store } from "./store.js";
 import { points } from "./points.js";
 
+const ADDRESS = /^#\/objects\/(\w+)$/; // of an object, after the page's own
 const MODEL = "hof1-k2";
 const FORMATS = { mesh: ["glb"], points: ["ply", "glb", "f32"], weights: ["safetensors"] }; // that files.js writes
 
@@ -60,6 +61,16 @@ async function decoded(photo) {
   } catch {
     throw new Problem("Unsupported media type", "this browser cannot read the file as an image");
   }
+}
+
+/** The id in the page's address; undefined without one. */
+export function addressedId() {
+  return ADDRESS.exec(location.hash)?.[1];
+}
+
+/** Objects are kept in this tab alone, so no other page can show them. */
+export async function isEmbeddable() {
+  return false;
 }
 
 /** Return one object by its id. */

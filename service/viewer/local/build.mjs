@@ -12,7 +12,9 @@ const CLIENT = join(ROOT, "client", "js");
 const RUNTIME = join(CLIENT, "node_modules", "onnxruntime-web");
 const MODEL = join(ROOT, "model", "weights", "hof1-k2.onnx");
 
-const LEFT_OUT = ["docs.html", "docs.js", "swagger-ui", "index.html"];
+const LEFT_OUT = ["docs.html", "js/docs.js", "embed.html", "js/embed.js", "bundle/swagger-ui", "index.html"].map((path) =>
+  join(VIEWER, "static", path),
+);
 const SOURCES = [".mjs", ".gz", ".d.ts"]; // endings of files that the page does not load
 
 const IMPORTS = {
@@ -31,7 +33,7 @@ const [target] = process.argv.slice(2);
 if (!target) fail("the folder to write is missing: node build.mjs FOLDER");
 for (const [path, command] of Object.entries(NEEDED)) if (!existsSync(path)) fail(`${path} is missing: run \`${command}\``);
 
-const isLoaded = (path) => !LEFT_OUT.includes(basename(path)) && !SOURCES.some((ending) => path.endsWith(ending));
+const isLoaded = (path) => !LEFT_OUT.includes(path) && !SOURCES.some((ending) => path.endsWith(ending));
 const viewer = join(target, "viewer");
 await rm(target, { recursive: true, force: true });
 await cp(join(VIEWER, "static"), viewer, { recursive: true, filter: isLoaded });

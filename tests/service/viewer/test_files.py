@@ -140,3 +140,10 @@ def test_page_offers_every_format() -> None:
         "picture": set(PICTURE_FORMATS),
         "weights": set(WEIGHT_FORMATS),
     }
+
+
+def test_static_page_has_every_call_of_the_page() -> None:
+    """The static page (`make static`) takes local/api.js for js/api.js: a missing export breaks it."""
+    export = re.compile(r"^export (?:async function|function|class|const) (\w+)", re.MULTILINE)
+    local, served = (viewer.STATIC.parent / "local" / "api.js", viewer.STATIC / "js" / "api.js")
+    assert set(export.findall(local.read_text("utf-8"))) == set(export.findall(served.read_text("utf-8")))

@@ -15,14 +15,12 @@ import pytest
 import trimesh
 from playwright.sync_api import Browser, Page, expect
 
-from service.api.routes import viewer
 from tests.support import ROOT
 from tests.support.browsing import PICTURES, TIMEOUT_MS, TRIANGLES, photo
 from tests.support.gltf import check_valid
 
 LOCAL = ROOT / "service" / "viewer" / "local"
 TOLERANCE = 1e-3  # longest sides: of points whose photo was decoded and encoded elsewhere
-EXPORT = re.compile(r"^export (?:async function|function|class|const) (\w+)(\([^)]*\))?", re.MULTILINE)
 
 
 @pytest.fixture(scope="module")
@@ -152,18 +150,10 @@ def test_features_that_need_a_service_are_hidden(alone: Page) -> None:
     assert values == ["glb", "ply", "glb", "f32", "safetensors"]
 
 
-def test_local_api_has_the_exports_of_the_pages_api() -> None:
-    exports = [
-        {name for name, _ in EXPORT.findall(path.read_text("utf-8"))}
-        for path in (LOCAL / "api.js", viewer.STATIC / "js" / "api.js")
-    ]
-    assert exports[0] == exports[1]
-
-
 def test_folder_refers_to_nothing_but_its_files(folder: Path) -> None:
     page = (folder / "index.html").read_text("utf-8")
     for name in re.findall(r'(?:src|href)="([^"#]+)"|"\./(viewer/[^"]+)": "|": "\./(viewer/[^"]+)"', page):
         path = "".join(name)
         assert (folder / path).is_file() or path == "docs", path
-    assert not list(folder.rglob("*.gz"))
+    assert not [*folder.rglob("*.gz"), *folder.rglob("embed.html"), *folder.rglob("docs.js"), *folder.rglob("swagger*")]
     assert "Content-Security-Policy" in page
