@@ -24,7 +24,7 @@ WITH_HOF = [document for document in DOCUMENTS if commands(document.read_text("u
 
 # How each program's lines are checked. What is not run here: Docker, Kubernetes, installations.
 PROJECT = ("hof", "hof-model", "make", ".venv/bin/pytest", ".venv/bin/python")
-CHECKED = ("curl", *PROJECT, "docker", "kubectl", "pip", "npm")
+CHECKED = ("curl", *PROJECT, "docker", "kubectl", "pip", "npm", "python3")
 TRIVIAL = ("cd", "export", "git", ".")
 
 
