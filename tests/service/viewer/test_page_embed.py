@@ -95,6 +95,16 @@ def test_embed_button_where_no_site_may_show_objects_is_hidden(page: Page) -> No
     expect(page.locator("#embed")).to_be_hidden()
 
 
+def test_embed_button_with_a_key_is_hidden_since_frames_have_none(browser: Browser, embeddable: str) -> None:
+    with browser.new_context() as context:
+        page = context.new_page()
+        page.add_init_script('sessionStorage.setItem("hof-key", "secret")')
+        with page.expect_response("**/embed"):
+            page.goto(f"{embeddable}/")
+        expect(page.locator("#download")).to_be_visible(timeout=TIMEOUT_MS)
+        expect(page.locator("#embed")).to_be_hidden()
+
+
 def test_embed_of_an_unknown_object_says_so(browser: Browser, address: str) -> None:
     with browser.new_context() as context:
         page = context.new_page()
