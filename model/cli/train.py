@@ -117,7 +117,7 @@ def paper_images(data: Path, packed: str | None) -> int:
     ------
     FileNotFoundError : no such data set.
     """
-    from model.data.views import count_views
+    from model.data.packed.views import count_views
 
     return PAPER_EPOCHS * count_views(data, "train", packed)
 

@@ -15,9 +15,9 @@ from torch import Tensor
 
 from model.config import Frame, TrainConfig
 from model.data.augment import ANY_LIGHT, Light, augment, oversize
-from model.data.camera_frame import to_camera
 from model.data.manifest import COLORS, Entry, Manifest, Split, piece_entries, piece_files, variant_files
 from model.data.packed.shards import OWN
+from model.data.rendering.camera_frame import to_camera
 from model.data.rendering.partial import SURFACE, draw_counts, draw_parts, turned
 from model.data.sources.photographs import photograph_files
 from service.encoding.clouds import MOST_POINTS

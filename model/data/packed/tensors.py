@@ -77,7 +77,7 @@ def read_packed(
     shards = sorted(folder.glob(SHARDS))
     if not shards:
         raise FileNotFoundError(f"{folder} holds no shards: run `hof-model data pack -o {folder}` first")
-    known = read_cameras(folder) if with_cameras else None
+    cameras_of = read_cameras(folder) if with_cameras else None
     cameras: list[Floats] = []
     rows: list[Row] = []
     strips: list[bytes] = []
@@ -86,10 +86,10 @@ def read_packed(
         for row, strip, of_shape, colored in _shapes(path):
             is_made = row.source == MADE_SOURCE
             if row.split == split and (made if is_made else variants or row.shape == 0):
-                if known is not None:
-                    if row.key not in known:
+                if cameras_of is not None:
+                    if row.key not in cameras_of:
                         continue
-                    cameras.append(known[row.key][list(row.views)])
+                    cameras.append(cameras_of[row.key][list(row.views)])
                 rows.append(row)
                 strips.append(strip)
                 points.append(of_shape)

@@ -1,4 +1,4 @@
-"""Where the files of each layout lie, and which model is in which split.
+"""Files of each layout, and the split of each model.
 
 `shapenet-ptn` : Perspective Transformer Nets (Yan et al. 2016), the paper's data, with the clouds of EPCG (Lin et al.
 2018); `shapenet-r2n2` : 3D-R2N2 (Choy et al. 2016); `what3d` : Tatarchenko et al. 2019, whose clouds are in the

@@ -10,9 +10,9 @@ from torch import Tensor
 
 from model.config import Frame, TrainConfig
 from model.data.augment import ANY_LIGHT, Light
-from model.data.camera_frame import to_camera
 from model.data.dataset import Batch, parts_batch, plain_images
 from model.data.packed.tensors import Tensors, dequantize
+from model.data.rendering.camera_frame import to_camera
 from model.data.rendering.partial import SURFACE, draw_counts
 from model.training.device.augment import Grounds, augment
 from service.encoding.clouds import MOST_POINTS

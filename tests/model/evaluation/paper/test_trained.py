@@ -42,16 +42,16 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize("name", list(SUITES))
 def test_variants_of_a_suite_are_different_networks_of_one_setting(name: str) -> None:
     suite = SUITES[name]
-    made = configs(suite, SMALL, seed=3)
-    assert len({str(config.to_dict()) for config in made.values()}) == len(made)
+    variants = configs(suite, SMALL, seed=3)
+    assert len({str(config.to_dict()) for config in variants.values()}) == len(variants)
     shared = {each.name for each in fields(SMALL)} - {"spec", "method", "encoder", "seed"}
     shared -= {"projection": {"projection", "projection_form"}, "frame": {"frame"}}.get(name, set())
-    for config in made.values():
+    for config in variants.values():
         assert config.seed == 3
         assert all(getattr(config, each) == getattr(SMALL, each) for each in shared)
     for claim in suite.claims:
-        assert {claim.one, claim.other} <= made.keys()
-    assert suite.paper.keys() <= made.keys()
+        assert {claim.one, claim.other} <= variants.keys()
+    assert suite.paper.keys() <= variants.keys()
 
 
 @pytest.mark.slow

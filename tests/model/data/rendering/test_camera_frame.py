@@ -8,8 +8,8 @@ import pytest
 import torch
 
 from model.data.augment import WHITE_LIGHT
-from model.data.camera_frame import to_camera
 from model.data.dataset import Examples, Shape, draw_batch
+from model.data.rendering.camera_frame import to_camera
 from model.data.sources.photographs import photograph_files
 from service.drawing.cloud import camera_axes
 from tests.support.small.network import CONFIG
