@@ -15,13 +15,15 @@ export interface paths {
         put?: never;
         /**
          * Encode
-         * @description Turn the photo of one object into a mapping function, and keep it.
+         * @description Turn the photo of one object, or points of a part of it, into a mapping function, and keep it.
          *
          *     The id is a digest of the image's bytes, its framing, and the models. A repeat answers 200 with the same object
          *     and costs no inference; a recent photo is not even decoded. Of its label and its photo, a repeat adds what the
          *     object lacks, and changes nothing.
          *
          *     Several images, views of one object from different sides, make one object: its theta is the mean of theirs.
+         *
+         *     Points are completed by a model that takes them. The answer's `placement` puts the whole object where they lie.
          */
         post: operations["encode_encode_post"];
         delete?: never;
@@ -663,6 +665,140 @@ export interface components {
             roll: number;
         };
         /**
+         * CompletedObject
+         * @description An object that points are a part of, its place in their frame, and its weights if `include=weights`.
+         */
+        CompletedObject: {
+            /**
+             * Id
+             * @example 2f7f3b52a9a1c0de9b1d1c4d5e6f7a8b
+             */
+            id: string;
+            /**
+             * Kind
+             * @description `encoded` from an image, `imported` from a weights file, `composed` or `interpolated` from others
+             * @enum {string}
+             */
+            kind: "encoded" | "imported" | "composed" | "interpolated";
+            /**
+             * Label
+             * @description the name that people gave it; absent without one
+             * @example Desk chair
+             */
+            label?: string;
+            /**
+             * Created At
+             * Format: date-time
+             * @description RFC 3339, UTC
+             */
+            created_at: string;
+            /**
+             * Model
+             * @description the model that theta comes from
+             * @example hof1-k2
+             */
+            model: string;
+            spec: components["schemas"]["Spec"];
+            /**
+             * Color
+             * @description of an object in color: the shape of the function from canonical points to red, green, blue
+             */
+            color?: components["schemas"]["Spec"];
+            /**
+             * Word
+             * @description of a composed object: the ids of its k functions, the last one applied first
+             */
+            word?: string[];
+            /**
+             * Parents
+             * @description of an interpolated object: the ids of the objects whose thetas it averages, even if deleted since
+             */
+            parents?: string[];
+            /**
+             * Bytes
+             * @description size of theta, 4 bytes for each number; of a composed object, of its k thetas
+             * @example 28684
+             */
+            bytes: number;
+            /**
+             * Dimensions
+             * @description width, height and depth of the whole object in the object frame: the longest is 1; multiply by `scale`. Absent in lists for objects that an older version of the service stored, until they are read
+             * @example [
+             *       0.62,
+             *       1,
+             *       0.68
+             *     ]
+             */
+            dimensions?: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Frame
+             * @description the object's bounding box in the function's own numbers. Absent in lists for objects that an older version of the service stored, until they are read
+             */
+            frame?: components["schemas"]["Box"];
+            /**
+             * Image
+             * @description of an encoded object: its photo, unless an older version of the service stored it
+             */
+            image?: components["schemas"]["ImageReport"];
+            /**
+             * Shape Confidence
+             * @description how well the shape is expected to fit: the F-score at 2% of the longest side against the true object, estimated by the model. Not the mask's confidence, which is `image.confidence`. Absent unless the object was encoded by a model that estimates it
+             * @example 0.57
+             */
+            shape_confidence?: number;
+            /** @description the camera that took the photo, as the model sees it. Absent unless the object was encoded by a model that estimates it */
+            camera?: components["schemas"]["Camera"];
+            links: components["schemas"]["Links"];
+            placement: components["schemas"]["Placement"];
+            /**
+             * Weights
+             * @description theta: base64 of its float32 numbers, little-endian
+             */
+            weights?: string;
+        };
+        /**
+         * CompletedWeights
+         * @description The answer to points with `store=false`: theta itself; nothing is kept.
+         */
+        CompletedWeights: {
+            /**
+             * Model
+             * @example hof1-k2-points
+             */
+            model: string;
+            spec: components["schemas"]["Spec"];
+            /**
+             * Bytes
+             * @example 28684
+             */
+            bytes: number;
+            /**
+             * Dimensions
+             * @description width, height and depth of the whole object in the object frame: the longest is 1; multiply by `scale`
+             * @example [
+             *       0.62,
+             *       1,
+             *       0.68
+             *     ]
+             */
+            dimensions: [
+                number,
+                number,
+                number
+            ];
+            frame: components["schemas"]["Box"];
+            placement: components["schemas"]["Placement"];
+            /**
+             * Weights
+             * @description theta: base64 of its float32 numbers, little-endian
+             */
+            weights: string;
+        };
+        /**
          * ComposedObjects
          * @description The objects that `all` makes, in order.
          */
@@ -1009,7 +1145,17 @@ export interface components {
              * @description of an object in color: the shape of the function from canonical points to red, green, blue
              */
             color?: components["schemas"]["Spec"];
-            framing: components["schemas"]["ModelFraming"];
+            /**
+             * Framing
+             * @description of the images that it takes; absent if it takes points
+             */
+            framing?: components["schemas"]["ModelFraming"];
+            /**
+             * Points
+             * @description number of points that it sees of those that are sent; absent if it takes images
+             * @example 2048
+             */
+            points?: number;
             /**
              * Card
              * @description the model card as the file carries it: data, license, figures, limits
@@ -1108,6 +1254,37 @@ export interface components {
             next: string | null;
             /** Limit */
             limit: number;
+        };
+        /**
+         * Placement
+         * @description The object's place in the frame of the points that were sent: `scale` p + `center`, p in the object frame.
+         */
+        Placement: {
+            /**
+             * Center
+             * @example [
+             *       0.1,
+             *       0.4,
+             *       2
+             *     ]
+             */
+            center: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Scale
+             * @description longest side of the object, in the unit of the points
+             * @example 0.9
+             */
+            scale: number;
+            /**
+             * Count
+             * @description number of points; of a mesh, that were sampled from its surface
+             * @example 2048
+             */
+            count: number;
         };
         /**
          * PlannedPath
@@ -1400,6 +1577,8 @@ export interface components {
 }
 export type Box = components['schemas']['Box'];
 export type Camera = components['schemas']['Camera'];
+export type CompletedObject = components['schemas']['CompletedObject'];
+export type CompletedWeights = components['schemas']['CompletedWeights'];
 export type ComposedObjects = components['schemas']['ComposedObjects'];
 export type EncodedObject = components['schemas']['EncodedObject'];
 export type EncodedWeights = components['schemas']['EncodedWeights'];
@@ -1416,6 +1595,7 @@ export type ModelFraming = components['schemas']['ModelFraming'];
 export type ModelList = components['schemas']['ModelList'];
 export type ModelReady = components['schemas']['ModelReady'];
 export type ObjectPage = components['schemas']['ObjectPage'];
+export type Placement = components['schemas']['Placement'];
 export type PlannedPath = components['schemas']['PlannedPath'];
 export type Problem = components['schemas']['Problem'];
 export type ServerReady = components['schemas']['ServerReady'];
@@ -1463,20 +1643,29 @@ export interface operations {
             path?: never;
             cookie?: never;
         };
-        /** @description The image: raw, or as the field `image` of a form, which may have a `label`, too. A form may have up to 8 images of one object, together no larger than one may be. Types are detected from the content. */
+        /** @description The image: raw, or as the field `image` of a form, which may have a `label`, too. A form may have up to 8 images of one object, together no larger than one may be. Types are detected from the content. In place of an image: PLY, PCD, NPY or XYZ points, or a GLB, OBJ or STL mesh. */
         requestBody: {
             content: {
                 "multipart/form-data": {
                     /** @description PNG, JPEG, WebP or AVIF; HEIC if the service has the extra `heic`. Repeat the field for several images of one object */
-                    image: string[];
+                    image?: string[];
+                    /**
+                     * Format: binary
+                     * @description in place of images: PLY, PCD, NPY or XYZ points, or a GLB, OBJ or STL mesh, of the object or of a part of it, +Y up, the front at +Z
+                     */
+                    points?: string;
                     /** @description name of the object, one line; kept unless the object has one already */
                     label?: string;
-                };
+                } & (unknown | unknown);
                 "image/png": string;
                 "image/jpeg": string;
                 "image/webp": string;
                 "image/avif": string;
                 "image/heic": string;
+                "model/gltf-binary": string;
+                "model/obj": string;
+                "model/stl": string;
+                "application/octet-stream": string;
             };
         };
         responses: {
@@ -1486,7 +1675,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["EncodedObject"] | components["schemas"]["EncodedWeights"];
+                    "application/json": components["schemas"]["EncodedObject"] | components["schemas"]["CompletedObject"] | components["schemas"]["EncodedWeights"] | components["schemas"]["CompletedWeights"];
                 };
             };
             /** @description A new object */
@@ -1497,10 +1686,10 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["EncodedObject"];
+                    "application/json": components["schemas"]["EncodedObject"] | components["schemas"]["CompletedObject"];
                 };
             };
-            /** @description A truncated or corrupt image; a malformed form */
+            /** @description A truncated or corrupt image or file of points; a malformed form */
             400: {
                 headers: {
                     [name: string]: unknown;
@@ -1590,7 +1779,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body is not an image of a supported type by its content, or it is empty */
+            /** @description The body is neither an image nor points of a supported type by its content, or it is empty; or no model for it is loaded */
             415: {
                 headers: {
                     [name: string]: unknown;
