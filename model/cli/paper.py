@@ -17,6 +17,7 @@ LATENT: Final = "latent"
 PATHS: Final = "paths"
 RUNTIME: Final = "runtime"
 VIEWS: Final = "views"
+POINTS: Final = "points"
 PAGE: Final = "page"
 
 
@@ -46,6 +47,9 @@ def add_stage(stages: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     views = experiments.add_parser(VIEWS, help="several views of one object, aggregated into one shape")
     views.set_defaults(run=_views)
     _add_measured(views)
+    points = experiments.add_parser(POINTS, help="the whole object from points of a part of its surface")
+    points.set_defaults(run=_points)
+    _add_measured(points, model=None)
     runtime = experiments.add_parser(RUNTIME, help="time to map n points, of HOF and the decoders it is compared with")
     runtime.set_defaults(run=_runtime)
     add_seed(runtime)
@@ -68,11 +72,12 @@ def _add_fit(stage: argparse.ArgumentParser) -> None:
     _add_out(stage)
 
 
-def _add_measured(stage: argparse.ArgumentParser) -> None:
-    """Add the flags of an experiment that measures an encoder on a split."""
+def _add_measured(stage: argparse.ArgumentParser, model: Path | None = SHIPPED) -> None:
+    """Add the flags of an experiment that measures an encoder on a split; without a default `model` one is required."""
     add_data(stage)
     add_seed(stage)
-    stage.add_argument("--model", type=Path, default=SHIPPED, help="exported encoder; default: the shipped one")
+    text = "exported encoder of points" if model is None else "exported encoder; default: the shipped one"
+    stage.add_argument("--model", type=Path, default=model, required=model is None, help=text)
     stage.add_argument("--split", choices=SPLITS, default="test", help="split to measure on; default: test")
     _add_out(stage)
 
@@ -132,6 +137,15 @@ def _runtime(arguments: argparse.Namespace) -> None:
         return
     from model.report.paper.page import write
 
+    print(write(arguments.out))
+
+
+def _points(arguments: argparse.Namespace) -> None:
+    from model.evaluation.paper.completion import EXPERIMENT, measure_points
+    from model.report.paper.page import record_path, write
+
+    record = measure_points(arguments.model, arguments.data, arguments.split, arguments.seed)
+    record.write(record_path(arguments.out, EXPERIMENT))
     print(write(arguments.out))
 
 

@@ -1,4 +1,4 @@
-"""Measure encoders of points: parts of surfaces in, whole objects out, along the path of a user's points.
+"""Experiment 12: encoders of points, parts of surfaces in, whole objects out, along the path of a user's points.
 
 `service.encoding.clouds` normalizes a part and the ONNX file gives theta; the points of its function go back to the
 frame of the part, and are compared with the true ones there. Distances are in longest sides of the whole object.
@@ -13,12 +13,29 @@ import torch
 
 from model.data.manifest import Split
 from model.data.rendering.partial import fixed_parts
-from model.evaluation.evaluate import PREDICTED_POINTS, Case, Evaluation, Floats, cases, draw, measure_objects
+from model.evaluation.classes import class_of
+from model.evaluation.evaluate import (
+    PREDICTED_POINTS,
+    Case,
+    Evaluation,
+    Floats,
+    cases,
+    draw,
+    in_threads,
+    measure_objects,
+)
+from model.evaluation.paper.record import PaperRecord, Trial, rounded
 from model.metrics import NAMES, compare
+from model.provenance import provenance
 from service.encoding.clouds import normalize
 from service.encoding.encoder import Encoder
 
+EXPERIMENT: Final = "points"
 PARTS: Final = 4  # of each object
+SHARES: Final = (0.25, 0.5, 0.75, 1.0)  # of the surface, seen on one side of a plane
+COUNTS: Final = (64, 256, 1_024, 2_048)  # points of a part
+COMPLETED: Final = "completed"
+ALONE: Final = "the part alone"
 
 Part = Callable[[Case, int], Floats]  # an object and the number of the part -> points of it (n, 3), object frame
 
@@ -53,3 +70,57 @@ def measure_completion(
         return {name: float(np.mean([one[name] for one in each])) for name in NAMES}
 
     return measure_objects(encoder.name, figures, list(cases(data, split)))
+
+
+def measure_points(model: Path, data: Path, split: Split, seed: int = 0) -> PaperRecord:
+    """Measure completion by the share of the surface that is seen, and by the number of points.
+
+    Raises
+    ------
+    FileNotFoundError : no data set.
+    ValueError : the model takes images.
+    """
+    encoder, objects = Encoder.open(model, threads=1), list(cases(data, split))
+    if encoder.takes != "points":
+        raise ValueError(f"the model {model} takes images: name one of `hof-model train --trunk pointnet`")
+
+    def figures(case: Case) -> dict[str, dict[str, float]]:
+        return {
+            trial_name(method, share, count): _mean_figures(encoder, case, share, count, method, seed)
+            for share, count in pairs()
+            for method in (COMPLETED, ALONE)
+        }
+
+    rows = in_threads(figures, objects, "points")
+    setting = {"split": split, "objects": len(objects), "parts": PARTS, "points": PREDICTED_POINTS}
+    origin = {"model": encoder.name, "digest": encoder.digest, **provenance(seed)}
+    trials = [
+        Trial(name, {metric: rounded([row[name][metric] for row in rows]) for metric in NAMES}) for name in rows[0]
+    ]
+    ids, classes = [case.entry.id for case in objects], [class_of(case.entry) for case in objects]
+    return PaperRecord(EXPERIMENT, setting, origin, ids, classes, trials)
+
+
+def pairs() -> list[tuple[float, int]]:
+    """Return the shares and counts that are measured: all shares at most points, all counts at half of the surface."""
+    return [*((share, COUNTS[-1]) for share in SHARES), *((SHARES[1], count) for count in COUNTS[:-1])]
+
+
+def trial_name(method: str, share: float, count: int) -> str:
+    """Return the name of a method with a share and a count of points in the record."""
+    return f"{method}, {share:.0%}, {count} points"
+
+
+def cut(points: Floats, share: float, count: int, seed: int) -> Floats:
+    """Return `count` points of the `share` of a surface on one side of a random plane, the same for the same seed."""
+    rng = np.random.default_rng(seed)
+    heights = points @ rng.standard_normal(3)
+    kept = points[heights >= np.quantile(heights, 1 - share)]
+    return kept[rng.permutation(len(kept))[:count]]
+
+
+def _mean_figures(encoder: Encoder, case: Case, share: float, count: int, method: str, seed: int) -> dict[str, float]:
+    """Return the mean metrics over PARTS parts, completed, or as they are."""
+    parts = [cut(case.points, share, count, seed + number) for number in range(PARTS)]
+    each = [compare(complete(encoder, part) if method == COMPLETED else part, case.points) for part in parts]
+    return {name: float(np.mean([one[name] for one in each])) for name in NAMES}

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from model.evaluation.locations import PAPER
+from model.evaluation.paper.completion import EXPERIMENT as POINTS
 from model.evaluation.paper.compression import EXPERIMENT as FIT
 from model.evaluation.paper.interpolation import EXPERIMENT as INTERPOLATION
 from model.evaluation.paper.latent import EXPERIMENT as LATENT
@@ -14,7 +15,7 @@ from model.evaluation.paper.record import PaperRecord
 from model.evaluation.paper.runtime import EXPERIMENT as RUNTIME
 from model.evaluation.paper.suites import SUITES
 from model.evaluation.paper.views import EXPERIMENT as VIEWS
-from model.report.paper import compression, interpolation, latent, navigation, runtime, trained, views
+from model.report.paper import completion, compression, interpolation, latent, navigation, runtime, trained, views
 from service.files import whole_file
 
 PAGE: Final = "PAPER.md"
@@ -32,6 +33,7 @@ SECTIONS: Final[Mapping[str, Callable[[PaperRecord], str]]] = {  # by experiment
     PATHS: navigation.section,
     "frame": partial(trained.section, SUITES["frame"]),
     VIEWS: views.section,
+    POINTS: completion.section,
     FIT: compression.section,
 }
 
