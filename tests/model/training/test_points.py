@@ -12,25 +12,13 @@ from model import cli
 from model.config import ON_CPU, EncoderConfig
 from model.data.dataset import draw_batch, load_examples
 from model.evaluation.evaluate import cases
-from model.evaluation.paper.completion import (
-    ALONE,
-    COUNTS,
-    EXPERIMENT,
-    SHARES,
-    complete,
-    cut,
-    training_part,
-    trial_name,
-)
-from model.evaluation.paper.record import PaperRecord
-from model.report.paper.page import record_path
+from model.evaluation.paper.completion import complete, training_part
 from model.training.checkpoints import chosen_checkpoint, load_encoder
 from model.training.device.loop import train_on_device
 from model.training.state import RunState
 from model.training.train import train, train_step
 from service.encoding.clouds import MOST_POINTS
 from service.encoding.encoder import Encoder
-from tests.support.small.data import box
 from tests.support.small.runs import RUN, records
 
 pytestmark = pytest.mark.slow
@@ -104,26 +92,6 @@ def test_complete_gives_the_object_in_the_frame_of_the_part(exported: Path, buil
     points = complete(encoder, part, 500)
     moved = complete(encoder, 3 * part + np.array([1, 2, 3], np.float32), 500)
     np.testing.assert_allclose(moved, 3 * points + [1, 2, 3], atol=1e-2)
-
-
-def test_paper_points_measures_by_share_and_by_count(exported: Path, built: Path, tmp_path: Path) -> None:
-    flags = ["--model", str(exported), "--data", str(built), "-o", str(tmp_path)]
-    assert cli.main(["paper", "points", *flags]) == 0
-    record = PaperRecord.read(record_path(tmp_path, EXPERIMENT))
-    assert len(record.trials) == 2 * (len(SHARES) + len(COUNTS) - 1)
-    whole, quarter = (record.trial(trial_name(ALONE, share, COUNTS[-1])).column("f@2%") for share in (1.0, 0.25))
-    assert (whole > quarter).all()
-    page = (tmp_path / "PAPER.md").read_text()
-    assert "## Points of a part of an object" in page
-    assert "25%, completed" in page
-
-
-@pytest.mark.parametrize("share", SHARES)
-def test_cut_keeps_a_share_of_the_surface(share: float) -> None:
-    points = box(1)
-    part = cut(points, share, len(points), seed=0)
-    assert len(part) == pytest.approx(share * len(points), abs=2)
-    assert len(cut(points, share, 64, seed=0)) == 64
 
 
 def test_train_with_a_wrong_number_of_point_maps_fails(
