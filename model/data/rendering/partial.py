@@ -95,7 +95,10 @@ def seen_from(surface: Tensor, toward: Tensor) -> Tensor:
     """Return which points a distant camera in the direction `toward` (b, 3) sees: (b, m) bool."""
     b = len(surface)
     toward = nnf.normalize(toward, dim=1)
-    least = nnf.one_hot(toward.abs().argmin(dim=1), 3).to(toward.dtype)  # an axis far from parallel to `toward`
+    shortest = toward.abs().argmin(dim=1, keepdim=True)
+    least = (torch.arange(3, device=toward.device) == shortest).to(
+        toward.dtype
+    )  # an axis far from parallel to `toward`
     right = nnf.normalize(torch.linalg.cross(least, toward), dim=1)
     axes = torch.stack([right, torch.linalg.cross(toward, right), toward], dim=2)  # (b, 3, 3)
     across, along, depth = torch.bmm(surface, axes).unbind(2)
