@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 
 import httpx
+import pytest
 from playwright.sync_api import Browser, Page, Route, expect
 
 from service.api.routes import viewer
@@ -36,12 +37,13 @@ def test_photo_that_is_chosen_last_wins(page: Page) -> None:
     assert page.url == shown
 
 
-def test_photo_while_the_service_is_busy_waits_and_tells(page: Page) -> None:
+@pytest.mark.parametrize("status", [429, 503])
+def test_photo_while_the_service_is_busy_waits_and_tells(page: Page, status: int) -> None:
     busy = iter([{"Retry-After": "1"}])
 
     def refuse_once(route: Route) -> None:
         if headers := next(busy, None):
-            route.fulfill(status=429, headers=headers, content_type="application/problem+json", body="{}")
+            route.fulfill(status=status, headers=headers, content_type="application/problem+json", body="{}")
         else:
             route.continue_()
 
@@ -52,6 +54,52 @@ def test_photo_while_the_service_is_busy_waits_and_tells(page: Page) -> None:
     expect(page.locator("#framing figcaption")).to_contain_text("transparency")
     expect(page.locator("#notice")).to_be_hidden()
     expect(page.get_by_role("alert")).to_be_hidden()
+
+
+def test_photo_while_the_service_stays_busy_is_told_as_an_error(page: Page) -> None:
+    problem = {"title": "Overloaded", "detail": "too many photos are waiting"}
+
+    def refuse(route: Route) -> None:
+        headers = {"Retry-After": "1"}
+        route.fulfill(status=503, headers=headers, content_type="application/problem+json", body=json.dumps(problem))
+
+    page.route("**/encode?*", refuse)
+    page.get_by_role("button", name="Lamp").click()
+    expect(page.locator("#problem")).to_contain_text("too many photos are waiting")
+    expect(page.locator("#framing figcaption")).to_contain_text("did not become an object")
+    expect(page.locator("#working")).to_be_hidden()
+    page.screenshot(path=PICTURES / "overloaded.png")
+
+
+def test_another_photo_while_the_service_is_busy_ends_the_wait(page: Page) -> None:
+    refused: list[str] = []
+
+    def refuse_first(route: Route) -> None:
+        if refused:
+            route.continue_()
+        else:
+            refused.append(route.request.url)
+            route.fulfill(status=429, headers={"Retry-After": "60"}, content_type="application/problem+json", body="{}")
+
+    page.route("**/encode?*", refuse_first)
+    page.get_by_role("button", name="Lamp").click()
+    expect(page.locator("#notice")).to_contain_text("Trying again in 60 s")
+    page.get_by_role("button", name="Barrel").click()
+    expect(page.locator("#framing figcaption")).to_contain_text("transparency")
+    expect(page.locator("#notice")).to_be_hidden()
+
+
+def test_page_without_scripts_has_a_form_that_encodes(browser: Browser, address: str) -> None:
+    with browser.new_context(java_script_enabled=False) as context:
+        page = context.new_page()
+        page.goto(f"{address}/")
+        page.screenshot(path=PICTURES / "no-script.png")
+        page.get_by_label("Photo of one object").set_input_files(photo("chair"))
+        page.get_by_label("Name", exact=True).first.fill("From a form")
+        with page.expect_navigation() as answer:
+            page.get_by_role("button", name="Make it 3D").click()
+        assert answer.value.status in (200, 201)
+        assert answer.value.json()["label"] == "From a form"
 
 
 def test_connection_that_is_lost_is_told(page: Page) -> None:
