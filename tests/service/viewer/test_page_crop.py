@@ -95,6 +95,7 @@ def test_crop_by_keyboard_alone_moves_corners_and_is_kept_for_the_next_crop(page
     expect(page.get_by_role("button", name="Crop")).to_be_focused()
     page.keyboard.press("Enter")
     expect(page.locator("#crop-size")).to_contain_text("240 \u00d7 156 pixels")
+    expect(corner).to_be_focused()
     page.keyboard.press("Escape")
     expect(page.locator("#crop-size")).to_be_hidden()
     assert _middle(page)[0] > 200  # the part is shown again

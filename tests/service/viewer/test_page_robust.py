@@ -93,6 +93,7 @@ def test_page_without_scripts_has_a_form_that_encodes(browser: Browser, address:
     with browser.new_context(java_script_enabled=False) as context:
         page = context.new_page()
         page.goto(f"{address}/")
+        expect(page.locator("#drop")).to_be_hidden()  # it would do nothing
         page.screenshot(path=PICTURES / "no-script.png")
         page.get_by_label("Photo of one object").set_input_files(photo("chair"))
         page.get_by_label("Name", exact=True).first.fill("From a form")
