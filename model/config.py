@@ -67,7 +67,7 @@ class EncoderConfig:
 
     @property
     def takes_points(self) -> bool:
-        """Whether the encoder's input is points, not an image."""
+        """Return whether the encoder reads points, not an image."""
         return self.trunk == "pointnet"
 
 

@@ -1,4 +1,4 @@
-"""Where the processor time of a new photo goes, stage by stage.
+"""Processor time of a new photo, stage by stage.
 
 `python -m benchmarks.speed.stages` prints the table. Each stage runs alone, on the photos that
 a running `hof serve` is then sent; what the stages leave of the server's time is HTTP, middleware and threads.

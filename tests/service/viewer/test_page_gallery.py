@@ -70,8 +70,8 @@ def full_page(browser: Browser, full_address: str) -> Iterator[Page]:
 
 def test_gallery_of_many_is_fetched_while_one_scrolls_and_stays_small(full_page: Page) -> None:
     page = full_page
-    asked: list[str] = []
-    page.on("request", lambda request: asked.append(request.url))
+    addresses: list[str] = []
+    page.on("request", lambda request: addresses.append(request.url))
     tools = page.context.new_cdp_session(page)
     tools.send("Performance.enable")
 
@@ -87,10 +87,10 @@ def test_gallery_of_many_is_fetched_while_one_scrolls_and_stays_small(full_page:
     assert spent < FRAME_S * len(frames)
     assert after["Nodes"] < NODES
     expect(items).to_have_count(OBJECTS)
-    assert sum("/objects?" in url for url in asked) < PAGES
+    assert sum("/objects?" in url for url in addresses) < PAGES
     expect(page.get_by_role("button", name="Object 0", exact=True)).to_be_in_viewport()
     expect(items.last.locator("img").first).to_have_attribute("src", re.compile("^blob:"))
-    assert sum("/picture?" in url for url in asked) < MOST_PICTURES
+    assert sum("/picture?" in url for url in addresses) < MOST_PICTURES
     assert page.locator("#gallery .open").count() < MOST_FILLED
     assert page.locator("#gallery *").count() < OBJECTS + 9 * MOST_FILLED
     expect(page.get_by_role("button", name="Show more")).to_be_hidden()

@@ -110,14 +110,14 @@ def test_words_means_and_imports_of_float16_work(clients: tuple[httpx.Client, ht
     file = dump(Weights(spec, initial_theta(spec, 1), "m"), "safetensors")
     imported = half.post("/objects", content=file).raise_for_status().json()
     assert half.post("/objects", content=file).json()["id"] == imported["id"]
-    for made in (mean, imported):
-        assert _theta_bytes(path, made["id"]) == 2 * spec.size
+    for stored in (mean, imported):
+        assert _theta_bytes(path, stored["id"]) == 2 * spec.size
     whole_word = [_encode(whole, photo) for photo in PHOTOS[1:3]]
     other = whole.post("/compose", json={"mode": "compose", "objects": whole_word}).raise_for_status().json()
     assert other["id"] == word["id"]
     assert np.linalg.norm(_points(half, word["id"]) - _points(whole, word["id"]), axis=1).max() <= LARGEST
-    for made in (word, mean, imported):
-        points = _points(half, made["id"])
+    for item in (word, mean, imported):
+        points = _points(half, item["id"])
         assert np.isfinite(points).all()
         assert np.ptp(points, axis=0).max() == pytest.approx(1, abs=0.05)
     np.testing.assert_array_equal(
