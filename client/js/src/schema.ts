@@ -1647,7 +1647,7 @@ export interface operations {
         requestBody: {
             content: {
                 "multipart/form-data": {
-                    /** @description PNG, JPEG, WebP or AVIF; HEIC if the service has the extra `heic`. Repeat the field for several images of one object */
+                    /** @description PNG, JPEG, WebP or AVIF; HEIC if the service has the extra `heic`. Repeat the field for several, different images of one object */
                     image?: string[];
                     /**
                      * Format: binary

@@ -44,8 +44,7 @@ FORM: Final = {
                 "items": {"type": "string", "format": "binary"},
                 "minItems": 1,
                 "maxItems": MAX_IMAGES,
-                "uniqueItems": True,
-                "description": f"{IMAGE_TYPES}. Repeat the field for several images of one object",
+                "description": f"{IMAGE_TYPES}. Repeat the field for several, different images of one object",
             },
             "points": {
                 "type": "string",
