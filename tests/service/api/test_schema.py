@@ -35,7 +35,9 @@ def test_service_under_schemathesis_conforms_to_its_schema(model_path: Path, tmp
         count = sum(len(calls) for calls in httpx.get(f"{url}/openapi.json").json()["paths"].values())
         assert f"{count} selected / {count} total" in run.stdout
         for phase in ("Coverage", "Fuzzing"):  # every call, by its limits and at random
-            assert run.stdout.partition(f"{phase} (in ")[2].partition(" passed")[0].split()[-1] == str(count), run.stdout
+            assert run.stdout.partition(f"{phase} (in ")[2].partition(" passed")[0].split()[-1] == str(count), (
+                run.stdout
+            )
         assert "Stateful" in run.stdout
         assert process.poll() is None
         figures = httpx.get(f"{url}/metrics").text
