@@ -6,13 +6,16 @@ VTK has crashed whole processes on single meshes. Pebble replaces a worker proce
 import multiprocessing
 from collections.abc import Callable, Generator, Iterable, Sequence
 from concurrent.futures import Future, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Final, Generic, TypeVar
 
 from pebble import ProcessExpired, ProcessPool
 from tqdm import tqdm
 
 Job = TypeVar("Job")
+CRASHED: Final = "the worker process crashed"
 
 
 @dataclass(frozen=True)
@@ -48,14 +51,32 @@ def run_isolated(
     function : importable by name; stores its result itself, and may return a remark. An exception fails its job only.
     timeout_s : longest run of a job; after it the job fails and its process is killed.
     """
+    remaining = list(jobs)
+    while remaining:
+        broken: list[Job] = []
+        with closing(_ended(function, remaining, processes, timeout_s)) as ended:
+            for job, future in ended:
+                if isinstance(future.exception(), BrokenProcessPool):
+                    broken.append(job)
+                else:
+                    failure = _failure(future, timeout_s)
+                    yield Outcome(job, failure, None if failure else future.result())
+        if len(broken) == len(remaining):  # not one ended, so the first has crashed
+            yield Outcome(broken.pop(0), CRASHED)
+        remaining = broken
+
+
+def _ended(
+    function: Callable[[Job], str | None], jobs: Sequence[Job], processes: int, timeout_s: float
+) -> Generator[tuple[Job, "Future[str | None]"], None, None]:
+    """Yield the jobs of a pool as they end. A worker that dies before it has named its job breaks the pool."""
     pool = ProcessPool(processes, context=multiprocessing.get_context("spawn"))
     try:
         futures: dict[Future[str | None], Job] = {
             pool.schedule(function, (job,), timeout=timeout_s): job for job in jobs
         }
         for future in as_completed(futures):
-            failure = _failure(future, timeout_s)
-            yield Outcome(futures[future], failure, None if failure else future.result())
+            yield futures[future], future
     finally:
         pool.stop()  # type: ignore[no-untyped-call]
         pool.join()
@@ -87,7 +108,7 @@ def _failure(future: Future[str | None], timeout_s: float) -> str | None:
         case None:
             return None
         case ProcessExpired():
-            return "the worker process crashed"
+            return CRASHED
         case TimeoutError():
             return f"took longer than {timeout_s:.0f} s"
         case error:

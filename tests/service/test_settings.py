@@ -90,6 +90,7 @@ def test_settings_from_the_environment_set_every_field(monkeypatch: pytest.Monke
         "max_image_bytes": 1,
         "max_image_pixels": 2,
         "max_weights_bytes": 3,
+        "store_dtype": "float16",
         "max_points": 4,
         "max_queued_images": 6,
         "max_points_in_flight": 7,

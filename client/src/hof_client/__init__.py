@@ -26,6 +26,7 @@ from hof_client.client import Client
 from hof_client.problems import (
     ConnectionFailed,
     CorruptImage,
+    CorruptPoints,
     CorruptWeights,
     Forbidden,
     HeadTooLarge,
@@ -67,6 +68,7 @@ __all__ = [
     "ComposedObjects",
     "ConnectionFailed",
     "CorruptImage",
+    "CorruptPoints",
     "CorruptWeights",
     "EncodedObject",
     "EncodedWeights",

@@ -9,6 +9,7 @@
     └── Problem                      an error that the service answered
         ├── InvalidInput        400  bytes that are not of the claimed type
         │   ├── CorruptImage
+        │   ├── CorruptPoints
         │   └── CorruptWeights
         ├── Unauthenticated     401  no API key, or an unknown one
         ├── Forbidden           403  a key without the scope that the call needs
@@ -111,6 +112,12 @@ class CorruptImage(InvalidInput):
     """An image of a known type whose bytes cannot be decoded."""
 
     title = "Corrupt image"
+
+
+class CorruptPoints(InvalidInput):
+    """A file of points or of a mesh that cannot be read."""
+
+    title = "Corrupt points"
 
 
 class CorruptWeights(InvalidInput):

@@ -3,10 +3,14 @@
 import multiprocessing
 import os
 import time
+from collections.abc import Generator, Sequence
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 import pytest
 
+from model.data import workers
 from model.data.workers import run_isolated, run_with_report
 from tests.support.small.jobs import wait_unless_ready, work
 
@@ -25,6 +29,29 @@ def test_run_isolated_one_process_is_replaced_after_each_crash() -> None:
     outcomes = [(outcome.job, outcome.failure) for outcome in run_isolated(work, (1, 0, 1, 4), processes=1)]
     crash = "the worker process crashed"
     assert outcomes == [(1, crash), (0, None), (1, crash), (4, None)]
+
+
+def test_run_isolated_with_pools_that_break_before_a_job_ends_runs_the_rest_in_others(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    pools: list[Sequence[int]] = []
+
+    def ended(
+        function: object, jobs: Sequence[int], *options: object
+    ) -> Generator[tuple[int, Future[str | None]], None, None]:
+        pools.append(jobs)
+        for job in jobs:
+            future: Future[str | None] = Future()
+            if job < 2 or len(pools) == 1:  # the first pool breaks at once, the second after one job
+                future.set_exception(BrokenProcessPool("All workers expired"))
+            else:
+                future.set_result(None)
+            yield job, future
+
+    monkeypatch.setattr(workers, "_ended", ended)
+    outcomes = [(outcome.job, outcome.failure) for outcome in run_isolated(work, (1, 4, 0), processes=1)]
+    assert outcomes == [(1, workers.CRASHED), (4, None), (0, workers.CRASHED)]
+    assert [list(jobs) for jobs in pools] == [[1, 4, 0], [4, 0], [0]]
 
 
 def test_run_isolated_closed_early_leaves_no_process_behind(tmp_path: Path) -> None:
