@@ -62,7 +62,7 @@ def _check(result: Turmoil) -> None:
     assert report.faults == []
     assert report.server_errors == 0
     assert report.operations >= OPERATIONS
-    assert report.refused + report.broken > 0  # the clients met the kills
+    assert result.kills >= KILLS  # whether a client is being answered just then is chance
     assert result.objects > PROCESSES
 
 

@@ -1,6 +1,7 @@
 """The page in Chromium: a part of the photo, chosen by pointer, finger and keys, and the background."""
 
 import io
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -8,9 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image, ImageDraw
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Browser, FloatRect, Page, expect
 
 from tests.support.browsing import PICTURES, TIMEOUT_MS, opened
+from tests.support.slow import DEADLINE_S
 
 WIDTH, HEIGHT = 300, 400  # of the photo, upright
 NEAR = 6  # pixels of the photo: a pointer moves by pixels of the screen
@@ -46,10 +48,23 @@ def _middle(page: Page) -> list[int]:
     return [int(channel) for channel in np.asarray(image)[image.height // 2, image.width // 2]]
 
 
+def _resting(page: Page) -> FloatRect:
+    """Return the box of the photo, once it has come to rest: controls that appear move it."""
+    picture = page.locator("#framing .picture")
+    box = picture.bounding_box()
+    deadline = time.monotonic() + DEADLINE_S
+    while True:
+        page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+        after = picture.bounding_box()
+        if after and after == box:
+            return after
+        assert time.monotonic() < deadline
+        box = after
+
+
 def _draw(page: Page, begin: tuple[float, float], end: tuple[float, float]) -> None:
     """Drag the mouse between two places of the photo, shares of its sides."""
-    frame = page.locator("#framing .picture").bounding_box()
-    assert frame
+    frame = _resting(page)
     places = [(frame["x"] + x * frame["width"], frame["y"] + y * frame["height"]) for x, y in (begin, end)]
     page.mouse.move(*places[0])
     page.mouse.down()
@@ -61,6 +76,7 @@ def test_crop_that_is_drawn_is_encoded_upright_and_undone(page: Page, two_chairs
     whole = _encoded(page, lambda: page.set_input_files("#file", two_chairs))
     assert (whole["image"]["width"], whole["image"]["height"]) == (WIDTH, HEIGHT)
     page.get_by_role("button", name="Crop").click()
+    expect(page.locator("#crop-size")).to_be_visible()
     _draw(page, (0.02, 0.02), (0.06, 0.08))  # beside the rectangle: a new one
     _draw(page, (0.06, 0.08), (0.98, 0.48))  # a corner
     expect(page.locator("#crop-size")).to_contain_text("pixels")
