@@ -11,20 +11,22 @@ from tests.support.browsing import PICTURES, TRIANGLES, opened, photo
 
 AXE = Path(__file__).parent / "tools" / "node_modules" / "axe-core" / "axe.min.js"
 RULES = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]
-SIZES = [(1280, 1000), (390, 844), (360, 640)]
+LOOKS = [(1280, 1000, "light"), (1280, 1000, "dark"), (390, 844, "dark"), (360, 640, "light")]
 
 State = Callable[[Page], None]
 
 
-@pytest.fixture(params=["light", "dark"])
-def scheme(request: pytest.FixtureRequest) -> str:
-    return str(request.param)
+@pytest.fixture(params=LOOKS, ids=lambda look: f"{look[0]}x{look[1]}-{look[2]}")
+def look(request: pytest.FixtureRequest) -> tuple[int, int, str]:
+    """Return a width, a height and a color scheme."""
+    width, height, scheme = request.param
+    return width, height, scheme
 
 
-@pytest.fixture(params=SIZES, ids=lambda size: f"{size[0]}x{size[1]}")
-def visitor(request: pytest.FixtureRequest, browser: Browser, address: str, scheme: str) -> Iterator[Page]:
+@pytest.fixture
+def visitor(browser: Browser, address: str, look: tuple[int, int, str]) -> Iterator[Page]:
     """Open the page at a size, light or dark."""
-    width, height = request.param
+    width, height, scheme = look
     options: dict[str, Any] = {"viewport": {"width": width, "height": height}, "color_scheme": scheme}
     with browser.new_context(**options, has_touch=width < 500) as context:
         yield opened(context.new_page(), address)
@@ -114,7 +116,7 @@ STATES: dict[str, State] = {
 }
 
 
-def test_states_have_no_fault_that_axe_finds_and_nothing_sticks_out(visitor: Page, scheme: str) -> None:
+def test_states_have_no_fault_that_axe_finds_and_nothing_sticks_out(visitor: Page, look: tuple[int, int, str]) -> None:
     page = visitor
     assert AXE.is_file(), f"run `npm ci --prefix {AXE.parents[2]}`"
     page.evaluate(AXE.read_text("utf-8"))
@@ -122,7 +124,7 @@ def test_states_have_no_fault_that_axe_finds_and_nothing_sticks_out(visitor: Pag
     faults = []
     for name, reach in STATES.items():
         reach(page)
-        page.screenshot(path=PICTURES / f"state-{name}-{width}-{scheme}.png", full_page=True)
+        page.screenshot(path=PICTURES / f"state-{name}-{width}-{look[2]}.png", full_page=True)
         report = page.evaluate("(values) => axe.run({ runOnly: { type: 'tag', values } })", RULES)
         faults += [
             f"{name}: {each['id']}: {node['target']} {node['failureSummary']}"
