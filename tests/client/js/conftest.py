@@ -1,5 +1,6 @@
 """The JavaScript client as npm installs it, built once."""
 
+import fcntl
 import os
 import shutil
 import subprocess
@@ -12,6 +13,7 @@ import pytest
 from tests.support import ROOT
 
 PACKAGE = ROOT / "client" / "js"
+FUNCTION = ROOT / "service" / "viewer" / "static" / "js" / "function"  # the package shares it with the page
 TIMEOUT_S = 300
 
 
@@ -37,8 +39,18 @@ def npm() -> Run:
 @pytest.fixture(scope="session")
 def built(npm: Run) -> Path:
     """Build the package and return its folder."""
-    shutil.rmtree(PACKAGE / "dist", ignore_errors=True)
-    npm("tsc")
+    dist = PACKAGE / "dist" / "index.js"
+    sources = [
+        *(PACKAGE / "src").rglob("*.*"),
+        *FUNCTION.iterdir(),
+        PACKAGE / "tsconfig.json",
+        PACKAGE / "package.json",
+    ]
+    with (PACKAGE / "node_modules" / ".build.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # other workers of pytest build it, too
+        if not dist.exists() or dist.stat().st_mtime < max(source.stat().st_mtime for source in sources):
+            shutil.rmtree(dist.parent, ignore_errors=True)
+            npm("tsc")
     return PACKAGE
 
 
