@@ -13,6 +13,7 @@ import type { FieldError } from "./schema.js";
 export const PROBLEM_TYPES = [
   "urn:hof:problem:invalid-input",
   "urn:hof:problem:corrupt-image",
+  "urn:hof:problem:corrupt-points",
   "urn:hof:problem:corrupt-weights",
   "urn:hof:problem:unauthenticated",
   "urn:hof:problem:forbidden",
