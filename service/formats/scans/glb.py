@@ -28,8 +28,7 @@ def read(data: bytes) -> Doubles:
             if number not in meshes:
                 meshes[number] = _triangles(document, binary, document["meshes"][number])
             count += len(meshes[number])
-            if count > MAX_TRIANGLES:
-                raise TooLarge(f"the scene has more than {MAX_TRIANGLES} triangles, the limit", field="points")
+            _check_count(count)
             parts.append(meshes[number] @ matrix[:3, :3].T + matrix[:3, 3])
     except (KeyError, IndexError, TypeError, ValueError, AttributeError, RecursionError, struct.error) as error:
         raise CorruptPoints(
@@ -87,15 +86,23 @@ def _matrix(node: dict[str, Any]) -> Doubles:
 
 
 def _triangles(document: dict[str, Any], binary: bytes, mesh: dict[str, Any]) -> Doubles:
-    parts = []
+    parts, count = [], 0
     for primitive in mesh["primitives"]:
         if primitive.get("mode", TRIANGLES) != TRIANGLES:
             continue  # lines and points have no surface
         positions = _numbers(document, binary, primitive["attributes"]["POSITION"], 3)
-        if "indices" in primitive:
-            positions = positions[_numbers(document, binary, primitive["indices"], 1)[:, 0]]
+        indices = _numbers(document, binary, primitive["indices"], 1)[:, 0] if "indices" in primitive else None
+        count += len(positions if indices is None else indices) // 3
+        _check_count(count)  # primitives may share numbers, so the file's size bounds nothing
+        if indices is not None:
+            positions = positions[indices]
         parts.append(positions[: len(positions) // 3 * 3].reshape(-1, 3, 3).astype(np.float64))
     return np.concatenate([np.empty((0, 3, 3)), *parts])
+
+
+def _check_count(triangles: int) -> None:
+    if triangles > MAX_TRIANGLES:
+        raise TooLarge(f"the scene has more than {MAX_TRIANGLES} triangles, the limit", field="points")
 
 
 def _numbers(document: dict[str, Any], binary: bytes, number: int, width: int) -> Doubles:

@@ -9,11 +9,11 @@ from service.formats.scans.limits import MAX_HEADER, Doubles
 from service.formats.scans.text import numbers
 
 TYPES: Final = {
-    **{name: code for names, code in (
+    name: code for names, code in (
         (("char", "int8"), "i1"), (("uchar", "uint8"), "u1"), (("short", "int16"), "i2"), (("ushort", "uint16"), "u2"),
         (("int", "int32"), "i4"), (("uint", "uint32"), "u4"), (("float", "float32"), "f4"),
         (("double", "float64"), "f8"),
-    ) for name in names},
+    ) for name in names
 }  # fmt: skip
 ORDERS: Final = {"binary_little_endian": "<", "binary_big_endian": ">"}
 END: Final = b"end_header"

@@ -4,9 +4,11 @@ Faults raise CorruptPoints; more than MAX_POINTS points or MAX_TRIANGLES triangl
 """
 
 from collections.abc import Callable
+from io import BytesIO
 from typing import Final, Literal
 
 import numpy as np
+from numpy.lib import format as npy_format
 
 from service.errors import CorruptPoints, TooLarge, UnsupportedMedia
 from service.formats.scans import glb, pcd, ply, text
@@ -28,9 +30,7 @@ def kind_of(data: bytes) -> Kind | None:
     for magic, kind in magics.items():
         if data.startswith(magic):
             return kind
-    if len(data) >= STL_HEAD and len(data) == STL_HEAD + 50 * int.from_bytes(data[80:84], "little"):
-        return "stl"
-    return text.kind_of(data)
+    return "stl" if _is_binary_stl(data) else text.kind_of(data)
 
 
 def read_points(data: bytes) -> Doubles:
@@ -51,8 +51,8 @@ def read_points(data: bytes) -> Doubles:
     return _finite(points, kind)
 
 
-def sample(triangles: Doubles, kind: str = "mesh", n: int = SAMPLES) -> Doubles:
-    """Return n points uniform on triangles (t, 3, 3): (n, 3). The same mesh gives the same points."""
+def sample(triangles: Doubles, kind: str) -> Doubles:
+    """Return points uniform on triangles (t, 3, 3): (SAMPLES, 3). The same mesh gives the same points."""
     if len(triangles) > MAX_TRIANGLES:
         raise TooLarge(f"the mesh has {len(triangles)} triangles, the limit is {MAX_TRIANGLES}", field="points")
     first, second = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
@@ -61,8 +61,8 @@ def sample(triangles: Doubles, kind: str = "mesh", n: int = SAMPLES) -> Doubles:
     if not len(areas) or not np.isfinite(areas[-1]) or areas[-1] <= 0:
         raise CorruptPoints(f"the {kind.upper()} mesh has no triangles, or its area is not a number", field="points")
     rng = np.random.default_rng(SEED)
-    index = np.searchsorted(areas, rng.random(n) * areas[-1], side="right").clip(max=len(areas) - 1)
-    a, b = rng.random((2, n, 1))
+    index = np.searchsorted(areas, rng.random(SAMPLES) * areas[-1], side="right").clip(max=len(areas) - 1)
+    a, b = rng.random((2, SAMPLES, 1))
     a, b = np.where(a + b > 1, 1 - a, a), np.where(a + b > 1, 1 - b, b)
     points: Doubles = triangles[index, 0] + a * first[index] + b * second[index]
     return points
@@ -77,10 +77,6 @@ def _finite(points: Doubles, kind: str) -> Doubles:
 
 def _npy(data: bytes) -> Doubles:
     """Return the first three columns of an array (n, 3) or wider."""
-    from io import BytesIO
-
-    from numpy.lib import format as npy_format
-
     file = BytesIO(data)
     try:
         version = npy_format.read_magic(file)
@@ -97,8 +93,13 @@ def _npy(data: bytes) -> Doubles:
     return array[:, :3].astype(np.float64)
 
 
+def _is_binary_stl(data: bytes) -> bool:
+    count = int.from_bytes(data[80:STL_HEAD], "little")
+    return len(data) >= STL_HEAD and len(data) == STL_HEAD + STL_TRIANGLE.itemsize * count
+
+
 def _stl(data: bytes) -> Doubles:
-    if data.startswith(b"solid") and len(data) != STL_HEAD + 50 * int.from_bytes(data[80:84], "little"):
+    if not _is_binary_stl(data):
         return text.stl(data)
     return np.frombuffer(data, STL_TRIANGLE, offset=STL_HEAD)["corners"].astype(np.float64)
 

@@ -3,6 +3,7 @@
 import io
 import json
 import struct
+import tracemalloc
 from collections.abc import Callable, Mapping
 
 import numpy as np
@@ -170,6 +171,30 @@ def test_read_points_of_too_many_points_or_triangles_raises(monkeypatch: pytest.
     with pytest.raises(TooLarge, match="12 triangles, the limit is 11"):
         read_points(BOX.export(file_type="stl"))
     assert limits.MAX_POINTS > 10**6
+
+
+def test_read_points_of_a_glb_whose_primitives_share_numbers_is_refused_before_they_unfold() -> None:
+    count, primitives = 99_999, 300  # 1.2 MB of numbers, 10 million triangles
+    document = SCENE | {
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}] * primitives}],
+        "accessors": [ACCESSOR | {"count": count}],
+    }
+    data = _glb(document, bytes(12 * count))
+    tracemalloc.start()
+    try:
+        with pytest.raises(TooLarge, match="more than 2000000 triangles"):
+            read_points(data)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 1.1 * limits.MAX_TRIANGLES * 9 * 8  # bytes of the triangles below the limit
+
+
+@pytest.mark.parametrize("head", [b"\n", b"  ", b"# written by hand\n"])
+def test_read_points_of_an_ascii_stl_after_blanks_or_a_comment_reads_it(head: bytes) -> None:
+    text = BOX.export(file_type="stl_ascii")
+    data = text if isinstance(text, bytes) else text.encode()
+    np.testing.assert_array_equal(read_points(head + data), read_points(data))
 
 
 @pytest.mark.parametrize("data", [b"", b"abc", b"GIF89a", b"\xff\xd8\xff" + bytes(200), b"RIFF....WEBP"])
