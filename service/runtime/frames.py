@@ -1,16 +1,29 @@
-"""Completion of stored objects: the frame that an older version of hof did not measure, and details of their photo."""
+"""Boxes and details of objects: measured for new ones, and completed where the records of older ones lack them."""
 
 from dataclasses import replace
-from typing import Final
+from typing import Final, TypeVar
 
 from service.errors import StoreFull
+from service.formats.rounding import rounded
 from service.mapping.box import PROBE_POINTS, measure
 from service.mapping.frame import Frame
+from service.mapping.spec import Functions, MappingSpec
 from service.runtime.cost import cost_of
 from service.runtime.parts import Runtime
 from service.storage.rows import Details, Record
 
 NO_DETAILS: Final = Details()
+F = TypeVar("F", bound=Functions)
+
+
+async def with_box(runtime: Runtime, spec: MappingSpec, functions: F) -> tuple[F, Frame]:
+    """Return the functions of a new object, rounded as the store's setting says, and the box that they then fill."""
+
+    def prepare() -> tuple[F, Frame]:
+        kept = rounded(spec, functions, runtime.settings.store_dtype)
+        return kept, measure(spec, kept.theta)
+
+    return await runtime.run(prepare)
 
 
 async def complete_record(

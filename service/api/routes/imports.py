@@ -88,9 +88,8 @@ def _load_one_function(body: bytes) -> Weights:
 
 def _examine(spec: MappingSpec, functions: Functions, dtype: StoreDtype) -> tuple[Functions, Frame]:
     """Return the functions as they are stored, and their frame. Raises CorruptWeights if values exceed float32."""
-    frame = examine(spec, functions)
     kept = rounded(spec, functions, dtype)
-    return kept, frame if kept is functions else examine(spec, kept)
+    return kept, examine(spec, kept)
 
 
 def _record(weights: Weights, functions: Functions, frame: Frame) -> Record:

@@ -6,8 +6,8 @@ from datetime import UTC, datetime
 from service.encoding.clouds import PointInput, normalize
 from service.encoding.encoder import Encoded, Encoder
 from service.formats.scans.read import read_points
-from service.mapping.box import measure
 from service.mapping.frame import Frame
+from service.runtime.frames import with_box
 from service.runtime.parts import Runtime
 from service.storage.rows import Record
 
@@ -47,7 +47,7 @@ def point_input(data: bytes, encoder: Encoder) -> PointInput:
 async def complete(runtime: Runtime, encoder: Encoder, sent: PointInput) -> tuple[Encoded, Frame]:
     """Return the functions of the object that points are a part of, and the box that they fill."""
     functions = await runtime.batchers[encoder.name].encode(sent.tensor)
-    return functions, await runtime.run(measure, encoder.spec, functions.theta)
+    return await with_box(runtime, encoder.spec, functions)
 
 
 def points_record(object_id: str, encoder: Encoder, box: Frame, label: str | None) -> Record:

@@ -11,10 +11,9 @@ from typing import Final
 from service.encoding.encoder import Encoded, Encoder
 from service.encoding.framing import Background, Framed, Framing, preprocess
 from service.errors import HofError
-from service.formats.rounding import rounded
-from service.mapping.box import measure
 from service.mapping.frame import Frame
 from service.runtime.composition import mean_of
+from service.runtime.frames import with_box
 from service.runtime.inputs.photos import photo_id
 from service.runtime.parts import Runtime
 from service.storage.ids import views_id
@@ -48,9 +47,7 @@ async def encode_all(runtime: Runtime, encoder: Encoder, views: Sequence[Framed]
     """Return the functions of an object that is seen in one view or several, and the box that they fill."""
     batcher = runtime.batchers[encoder.name]
     functions = averaged(await asyncio.gather(*(batcher.encode(view.tensor) for view in views)))
-    if runtime.settings.store_dtype != "float32":
-        functions = await runtime.run(rounded, encoder.spec, functions, runtime.settings.store_dtype)
-    return functions, await runtime.run(measure, encoder.spec, functions.theta)
+    return await with_box(runtime, encoder.spec, functions)
 
 
 def averaged(views: Sequence[Encoded]) -> Encoded:

@@ -66,6 +66,20 @@ def test_encode_of_points_completes_them_in_their_frame(service: httpx.Client, p
     assert "image" not in service.get(item["links"]["self"]).json()
 
 
+def test_encode_of_points_rounds_as_the_setting_of_the_store_says(
+    settings: Settings, points_model: Path, tmp_path: Path
+) -> None:
+    halves = {"model": (points_model,), "store_dtype": "float16", "database_url": f"sqlite:///{tmp_path / 'half.db'}"}
+    with (
+        running(settings.model_copy(update=halves)) as server,
+        httpx.Client(base_url=f"http://127.0.0.1:{server.port}", timeout=60) as client,
+    ):
+        theta = _numbers(client.post("/encode?include=weights", content=npy(CLOUD)).raise_for_status().json())
+    np.testing.assert_array_equal(theta, theta.astype(np.float16))
+    exact = Encoder.open(points_model, 1).encode(normalize(CLOUD, tiny_model.COUNT).tensor)[0].theta
+    assert (theta != exact).any()
+
+
 def test_encode_of_moved_and_scaled_points_gives_the_same_function(service: httpx.Client) -> None:
     first = service.post("/encode?include=weights", content=npy(CLOUD)).json()
     other = service.post("/encode?include=weights", content=npy(4 * CLOUD - 7)).json()
