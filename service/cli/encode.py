@@ -25,6 +25,7 @@ from service.errors import HofError, InvalidParameter
 from service.formats.scans.read import kind_of
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump
 from service.mapping.box import measure
+from service.mapping.frame import Frame
 from service.runtime.inputs.scans import Placement, point_input
 from service.runtime.inputs.views import MAX_IMAGES, averaged
 from service.runtime.options import EncodeOptions
@@ -60,7 +61,8 @@ def _encode_photos(arguments: argparse.Namespace, settings: Settings, paths: Seq
     views = _framed_views(arguments, paths, first, settings, encoder, matting)
     encoded = [encoder.encode(view.tensor)[0] for view in views]
     reports = [ImageReport.of(view) for view in views]
-    result = _write(arguments, encoder, averaged(encoded), reports[0])
+    functions = averaged(encoded)
+    result = _write(arguments, encoder, functions, measure(encoder.spec, functions.theta), reports[0])
     lines = []
     for path, report, each in zip(paths, reports, encoded, strict=True):
         hint = "; no matting model is set (--matting-model)" if report.mask == "none" and matting is None else ""
@@ -81,9 +83,9 @@ def _complete(arguments: argparse.Namespace, settings: Settings, paths: Sequence
     except HofError as error:
         raise type(error)(f"{name}: {error.detail}", field=error.field) from error
     functions = encoder.encode(sent.tensor)[0]
-    result = _write(arguments, encoder, functions, None)
-    placement = Placement.of(sent, measure(encoder.spec, functions.theta))
-    print(f"hof: {name}: {placement}", f"hof: {result}", sep="\n", file=sys.stderr)
+    frame = measure(encoder.spec, functions.theta)
+    result = _write(arguments, encoder, functions, frame, None)
+    print(f"hof: {name}: {Placement.of(sent, frame)}", f"hof: {result}", sep="\n", file=sys.stderr)
 
 
 def _encoder(settings: Settings, takes: Input) -> Encoder:
@@ -91,9 +93,11 @@ def _encoder(settings: Settings, takes: Input) -> Encoder:
     return Models.open(settings.model, settings.threads).named(None, takes)
 
 
-def _write(arguments: argparse.Namespace, encoder: Encoder, functions: Encoded, report: ImageReport | None) -> str:
+def _write(
+    arguments: argparse.Namespace, encoder: Encoder, functions: Encoded, frame: Frame, report: ImageReport | None
+) -> str:
     """Write the weights or the points, and return a line that says which."""
-    frame, name = measure(encoder.spec, functions.theta), shown_name(arguments.output)
+    name = shown_name(arguments.output)
     if suffix_of(arguments) == WEIGHT_FORMATS["safetensors"].extension:
         theta, color, label = functions.theta, functions.color, clean_label(arguments.label)
         weights = Weights(encoder.spec, theta, encoder.name, color=color, frame=frame, label=label)

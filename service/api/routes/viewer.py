@@ -25,17 +25,15 @@ from service.errors import NotFound
 STATIC: Final = Path(__file__).resolve().parents[2] / "viewer" / "static"
 BUNDLE: Final = STATIC / "bundle"
 EMBED: Final = "embed.html"
-NOBODY: Final = "'none'"
+UNFRAMED: Final = "frame-ancestors 'none'"
 NOT_BUILT: Final = (
     "this page was left out when the service was installed, because npm was missing: install Node.js, then install the "
     "service again (`make clean serve`, or `pip install .`)"
 )
 
 
-def content_security_policy(page: str, ancestors: str = NOBODY) -> str:
+def content_security_policy(page: str) -> str:
     """Return the Content-Security-Policy of an HTML page: its own origin, and its import map as the only inline script.
-
-    `ancestors` are the pages that may show it in a frame.
 
     Import maps must be inline (HTML standard, section 8.1.5.3), so the policy names the map by its digest.
     """
@@ -44,7 +42,7 @@ def content_security_policy(page: str, ancestors: str = NOBODY) -> str:
     scripts = " ".join(["'self'", *(f"'sha256-{digest}'" for digest in digests)])
     return (
         f"default-src 'none'; script-src {scripts}; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; "
-        f"base-uri 'none'; form-action 'self'; frame-ancestors {ancestors}"
+        f"base-uri 'none'; form-action 'self'; {UNFRAMED}"
     )
 
 
@@ -94,8 +92,9 @@ async def _embed(request: Request) -> Response:
     response = await _page(EMBED, request)
     origins = request.app.state.settings.embed_origins
     if origins:
-        policy = content_security_policy((STATIC / EMBED).read_text("utf-8"), origins.replace(",", " "))
-        response.headers["Content-Security-Policy"] = policy
+        policy = response.headers["Content-Security-Policy"]
+        allowed = f"frame-ancestors {origins.replace(',', ' ')}"
+        response.headers["Content-Security-Policy"] = policy.replace(UNFRAMED, allowed)
     return response
 
 

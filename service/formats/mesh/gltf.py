@@ -17,7 +17,7 @@ from service.mapping.spec import Array
 from service.mapping.surface import Surface
 
 _FLOAT, _UINT, _ARRAY_BUFFER, _ELEMENT_ARRAY_BUFFER = 5126, 5125, 34962, 34963
-_GRAY: Final = [0.5, 0.5, 0.53, 1.0]  # linear RGBA
+GRAY: Final = [0.5, 0.5, 0.53, 1.0]  # linear RGBA
 
 
 def glb(surface: Surface) -> bytes:
@@ -54,7 +54,7 @@ def _document(surface: Surface, attributes: dict[str, Array], source: dict[str, 
     floats = {"componentType": _FLOAT, "count": vertices, "type": "VEC3"}
     low, high = (np.float32(bound).tolist() for bound in (surface.vertices.min(0), surface.vertices.max(0)))
     primitive = {"attributes": {name: at for at, name in enumerate(attributes)}, "indices": indices, "material": 0}
-    base = {"baseColorFactor": _GRAY if surface.colors is None else WHITE, "metallicFactor": 0, "roughnessFactor": 1}
+    base = {"baseColorFactor": GRAY if surface.colors is None else WHITE, "metallicFactor": 0, "roughnessFactor": 1}
     return {
         "asset": {"version": "2.0", "generator": "hof"},
         "scene": 0,

@@ -11,6 +11,7 @@ from typing import Final
 
 import numpy as np
 
+from service.formats.mesh.gltf import GRAY
 from service.formats.points.gltf import linear
 from service.formats.usd_crate import Attribute, Prim, Relationship
 from service.formats.usd_crate import dump as dump_crate
@@ -20,7 +21,7 @@ ALIGNMENT: Final = 64
 NAME: Final = "object.usdc"
 _PADDING: Final = 0x1986  # id of the extra field that OpenUSD pads with
 _LOCAL_HEAD, _EXTRA_HEAD = 30, 4  # bytes
-_GRAY: Final = (0.5, 0.5, 0.53)  # linear, as in glTF files
+_GRAY: Final = tuple(GRAY[:3])
 
 
 def dump(surface: Surface) -> bytes:
