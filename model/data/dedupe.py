@@ -17,7 +17,7 @@ THRESHOLD: Final = 1.25  # times the distance between two samples of the same su
 def duplicates(clouds: dict[str, Floats], threshold: float = THRESHOLD, first: Collection[str] = ()) -> dict[str, str]:
     """Map each object that repeats an earlier one (by sorted id, those of `first` before others) to the one to keep.
 
-    Those of `first` are protected to be different: they are not compared with each other.
+    Those of `first` are known to be different: they are not compared with each other.
 
     Two objects are the same when the mean nearest distance between their clouds, the worse of both
     directions and the best over quarter turns about +Y and mirror images, is below `threshold` times

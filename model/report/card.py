@@ -15,6 +15,7 @@ from model.report.tables import table
 TRUNKS = {
     "dense": "the paper's DenseNet, trained from scratch",
     "lite0": "EfficientNet-Lite0's convolutions (Apache-2.0), pretrained on ImageNet",
+    "resnet18": "the paper's ResNet18, trained from scratch",
     "pointnet": "PointNet in two stages, trained from scratch",
 }
 LICENSE = "Apache-2.0; trained on CC-BY and CC0 meshes, attribution in NOTICE"  # of models trained on Sweet Home 3D

@@ -5,11 +5,10 @@ import torch
 from torch import Tensor, nn
 
 from model.config import TrainConfig
-from model.data.dataset import Examples, plain_images
-from model.data.rendering.partial import fixed_parts
+from model.data.dataset import Examples
 from model.metrics import compare
 from model.networks.encoder import channels_last
-from model.training.device.validation import TARGET_POINTS, VALIDATION_POINTS, VIEWS
+from model.training.device.validation import TARGET_POINTS, VALIDATION_POINTS, VIEWS, inputs_of
 from service.mapping.canonical import canonical_points
 
 
@@ -22,12 +21,8 @@ def validate(network: nn.Module, config: TrainConfig, validation: Examples) -> d
         crops, points = validation.built(view, config.frame)
         for start in range(0, len(crops), config.batch):
             true = torch.from_numpy(points[start : start + config.batch])
-            if config.encoder.takes_points:
-                parts = fixed_parts(true, seed=view)
-                images, true, scale = parts.clouds, true - parts.center, parts.scale
-            else:
-                images = plain_images(torch.from_numpy(crops[start : start + config.batch]), config.framing.size)
-                scale = torch.ones(1)
+            shown = torch.from_numpy(crops[start : start + config.batch])
+            images, true, scale = inputs_of(config, shown, true, view)
             predicted: Tensor = network(channels_last(images), canonical.expand(len(images), -1, -1)) * scale
             clouds = zip(predicted.numpy(), true[:, :TARGET_POINTS].numpy(), strict=True)
             metrics += [compare(*each) for each in clouds]

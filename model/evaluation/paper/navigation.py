@@ -21,15 +21,13 @@ from tqdm import tqdm
 
 from model.data.manifest import Split
 from model.evaluation.classes import class_of
-from model.evaluation.comparison import ELLIPSOID, ORACLE, RETRIEVAL
+from model.evaluation.comparison import ELLIPSOID, ORACLE, RETRIEVAL, run_answer
 from model.evaluation.conditions import png
 from model.evaluation.evaluate import PREDICTED_POINTS, VIEWS, Case, cases, draw, encode_photo, in_threads
 from model.evaluation.paper.record import PaperRecord, Trial, rounded
 from model.evaluation.references.methods import Retrieval, Training, matched_ellipsoid
 from model.provenance import provenance
-from model.training.checkpoints import chosen_checkpoint, load_network, predictor
 from service.encoding.encoder import Encoder
-from service.encoding.framing import preprocess
 from service.mapping.box import measure
 from service.mapping.sampler import Sampler
 from service.mapping.spec import word_of
@@ -187,9 +185,8 @@ def _predict(encoder: Encoder) -> Shapes:
 
 def _predict_trained(run: Path, seed: int) -> Shapes:
     """Return the predictions of a trained network that is not exported."""
-    network, config, _ = load_network(chosen_checkpoint(run))
-    predict = predictor(network, config)
-    return lambda case, photo: {run.name: predict(preprocess(photo, config.framing).tensor, PREDICTED_POINTS, seed)[0]}
+    answer = run_answer(run, seed)
+    return lambda case, photo: {run.name: answer(photo, PREDICTED_POINTS)}
 
 
 def _references(data: Path, seed: int) -> Shapes:

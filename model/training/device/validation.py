@@ -30,22 +30,26 @@ def validate(network: nn.Module, config: TrainConfig, validation: Tensors) -> di
         for units in validation.units.split(config.batch):  # type: ignore[no-untyped-call]
             first, own_end, _ = units.unbind(1)
             chosen = first + torch.minimum(torch.full_like(first, view), own_end - first - 1)
-            true = in_frame(config.frame, _targets(validation, chosen, SURFACE), validation, chosen)
-            if config.encoder.takes_points:
-                parts = fixed_parts(true, seed=view)
-                images, true, scale = parts.clouds, true - parts.center, parts.scale
-            else:
-                images, scale = plain_images(validation.images[chosen], config.framing.size), true.new_ones(1)
+            true = in_frame(config.frame, _targets(validation, chosen), validation, chosen)
+            images, true, scale = inputs_of(config, validation.images[chosen], true, view)
             predicted = network(channels_last(images), canonical.expand(len(images), -1, -1)) * scale
             metrics.append(_compare(predicted.float(), true[:, :TARGET_POINTS]))
     val, f1, f2 = torch.cat(metrics).mean(0).tolist()
     return {"val": val, "f@1%": f1, "f@2%": f2}
 
 
-def _targets(validation: Tensors, views: Tensor, number: int) -> Tensor:
-    """Return `number` points of the shapes that the views show, (b, number, 3)."""
+def inputs_of(config: TrainConfig, crops: Tensor, true: Tensor, view: int) -> tuple[Tensor, Tensor, Tensor]:
+    """Return what an encoder sees of objects in a view, their points as its frame has them, and its scale."""
+    if config.encoder.takes_points:
+        parts = fixed_parts(true, seed=view)
+        return parts.clouds, true - parts.center, parts.scale
+    return plain_images(crops, config.framing.size), true, true.new_ones(1)
+
+
+def _targets(validation: Tensors, views: Tensor) -> Tensor:
+    """Return points of the shapes that the views show, (b, SURFACE, 3)."""
     shapes = validation.shape_of[views]
-    numbers = torch.arange(number, device=views.device) % validation.counts[shapes].view(-1, 1)
+    numbers = torch.arange(SURFACE, device=views.device) % validation.counts[shapes].view(-1, 1)
     return dequantize(validation.points[validation.starts[shapes].view(-1, 1) + numbers])
 
 
