@@ -30,7 +30,8 @@ serve: .venv/service.stamp $(MATTING) ## the service on 127.0.0.1:8080; settings
 	$(BIN)/hof serve
 
 static: .venv/service.stamp ## write out/static: the page with the encoder in it, for any web server; needs npm
-	test -d client/js/node_modules || npm ci --prefix client/js --no-audit --no-fund
+	test $(JS) -nt client/js/package-lock.json || npm ci --prefix client/js --no-audit --no-fund
+	rm -rf client/js/dist
 	npm run --silent --prefix client/js build
 	node service/viewer/local/build.mjs out/static
 

@@ -18,7 +18,7 @@ type AnyRequest = {
   query?: object;
   body?: unknown;
   headers?: Record<string, string>;
-  signal?: AbortSignal;
+  signal?: AbortSignal | undefined;
 };
 
 /** Calls of a HOF service. All throw HofError, or the reason of their signal if that is aborted. */
@@ -64,7 +64,7 @@ export class Client {
     query: Omit<Query<"POST /encode">, "store"> = {},
     signal?: AbortSignal,
   ): Promise<EncodedObject> {
-    const request = { query, body: photo, ...(signal && { signal }) };
+    const request = { query, body: photo, signal };
     return (await this.call("POST /encode", request)) as EncodedObject;
   }
 
@@ -77,16 +77,14 @@ export class Client {
     query: PointsQuery = {},
     { take, signal }: { take?: (part: Float32Array, offset: number) => void; signal?: AbortSignal } = {},
   ): Promise<Float32Array> {
-    const request = { path: { id }, query: { ...query, format: "f32" }, ...(signal && { signal }) };
+    const request = { path: { id }, query: { ...query, format: "f32" }, signal };
     return this.#repeated("GET /objects/{id}/points", request, (answer) => readPoints(answer, take));
   }
 
   /** The functions of an object, for `sample` and `CardPoints`. */
   async functions(id: string, signal?: AbortSignal): Promise<Functions> {
     const query = { format: "safetensors" } as const;
-    return readFunctions(
-      await this.bytes("GET /objects/{id}/weights", { path: { id }, query, ...(signal && { signal }) }),
-    );
+    return readFunctions(await this.bytes("GET /objects/{id}/weights", { path: { id }, query, signal }));
   }
 
   async #repeated<T>(route: Route, request: AnyRequest, read: (answer: Response) => Promise<T>): Promise<T> {
@@ -116,7 +114,7 @@ export class Client {
       method,
       headers: { ...type, ...this.#headers, ...headers },
       ...(content !== undefined && { body: content }),
-      ...(signal && { signal }),
+      signal: signal ?? null,
     });
   }
 }

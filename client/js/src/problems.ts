@@ -108,7 +108,7 @@ export async function problemOf(answer: Response): Promise<Problem> {
 }
 
 /** Return the seconds of a Retry-After header (RFC 9110, section 10.2.3): a number or a date; undefined without one. */
-export function secondsOf(retryAfter: string | null): number | undefined {
+function secondsOf(retryAfter: string | null): number | undefined {
   if (retryAfter === null) return undefined;
   if (/^\d+$/.test(retryAfter.trim())) return Number(retryAfter);
   const date = Date.parse(retryAfter);

@@ -37,7 +37,7 @@ type BodyOf<R extends Route> = [Content<R>] extends [never]
 /** Parameters of a call: of its path, its query and its body, as the API has them. */
 export type Request<R extends Route> = PathOf<R> &
   QueryOf<R> &
-  BodyOf<R> & { headers?: Record<string, string>; signal?: AbortSignal };
+  BodyOf<R> & { headers?: Record<string, string>; signal?: AbortSignal | undefined };
 
 /** Whether a request can be left out. */
 export type Arguments<R extends Route> = {} extends Request<R> ? [request?: Request<R>] : [request: Request<R>];

@@ -37,12 +37,12 @@ export function encodePath() {
 export async function encode(photo, { background } = {}, signal) {
   encoder ??= openEncoder();
   encoder.catch(() => (encoder = undefined)); // another photo tries again
-  const [{ metadata }, pixels] = await Promise.all([encoder, decoded(photo)]);
+  const [opened, pixels] = await Promise.all([encoder, decoded(photo)]);
   signal?.throwIfAborted();
   try {
-    const encoded = await (await encoder).encode(pixels, background);
+    const encoded = await opened.encode(pixels, background);
     signal?.throwIfAborted();
-    return store.add(encoded, metadata.name);
+    return store.add(encoded, opened.metadata.name);
   } catch (error) {
     if (error instanceof NoObjectFound) throw new Problem("No object found", error.message);
     throw error;

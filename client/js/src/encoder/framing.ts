@@ -77,7 +77,11 @@ function overWhite({ width, height, data }: Pixels): Float32Array {
 }
 
 function confidenceOf(matte: Matte): number {
-  const [sum, squares] = matte.reduce(([sum, squares], value) => [sum + value, squares + value * value], [0, 0]);
+  let [sum, squares] = [0, 0];
+  for (const value of matte) {
+    sum += value;
+    squares += value * value;
+  }
   return squares / sum / 255;
 }
 

@@ -68,9 +68,12 @@ function borderMatte(image: Pixels): Matte | undefined {
   const border = ring(image);
   const color = medianOf(image, border);
   const { data } = image;
-  const farthest = Uint8Array.from({ length: image.width * image.height }, (_, index) =>
-    Math.max(...color.map((value, channel) => Math.abs(data[4 * index + channel] - value))),
-  );
+  const [red, green, blue] = color;
+  const farthest = new Uint8Array(image.width * image.height);
+  for (let index = 0, at = 0; index < farthest.length; index++, at += 4) {
+    const differences = Math.max(Math.abs(data[at] - red), Math.abs(data[at + 1] - green));
+    farthest[index] = Math.max(differences, Math.abs(data[at + 2] - blue));
+  }
   const alike = border.filter((index) => farthest[index] <= BORDER_TOLERANCE);
   if (alike.length / border.length < BORDER_SHARE) return undefined;
   return farthest.map((value) =>

@@ -68,8 +68,14 @@ function frameOf(functions: Functions): Frame {
   return functions.frame ?? measureFrame(functions);
 }
 
+let shared: WebGL2RenderingContext | undefined;
+
+/** The context of all calls without one of their own: browsers allow a page only a few. */
 function context(): WebGL2RenderingContext {
-  const gl = new OffscreenCanvas(1, 1).getContext("webgl2");
-  if (!gl) throw new Error("the browser has no WebGL2: draw with sample");
-  return gl;
+  if (!shared || shared.isContextLost()) {
+    const gl = new OffscreenCanvas(1, 1).getContext("webgl2");
+    if (!gl) throw new Error("the browser has no WebGL2: draw with sample");
+    shared = gl;
+  }
+  return shared;
 }

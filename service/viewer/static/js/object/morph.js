@@ -1,8 +1,9 @@
 // The way from one object to another: in a word, one letter after the other turns from A to B. The graphics card
 // computes each step of the slider from the two thetas.
+import { isComputable } from "../function/card.js";
 import { attempt } from "../problem.js";
 import { Cloud } from "../stage/cloud.js";
-import { ComputedPoints, isComputable } from "../stage/function.js";
+import { ComputedPoints } from "../stage/function.js";
 import { text } from "../text.js";
 import { fetchFunctions } from "./weights.js";
 

@@ -1,10 +1,11 @@
 // The shown objects: surface or points, their number and seed, and how far they have arrived.
 import { fetchPicture, streamPoints } from "../api.js";
 import { copyText } from "../curl.js";
+import { isComputable } from "../function/card.js";
 import { formOf } from "../function/weights.js";
 import { attempt } from "../problem.js";
 import { Cloud } from "../stage/cloud.js";
-import { ComputedPoints, isComputable } from "../stage/function.js";
+import { ComputedPoints } from "../stage/function.js";
 import { Stage } from "../stage/stage.js";
 import { fetchSurface } from "../stage/surface.js";
 import { language, number, text } from "../text.js";

@@ -3,8 +3,6 @@ import { BufferGeometry, GLBufferAttribute, Points, Sphere } from "three";
 
 import { CardPoints } from "../function/card.js";
 
-export { isComputable } from "../function/card.js";
-
 /** Points of functions, computed part by part where three.js draws them. */
 export class ComputedPoints extends CardPoints {
   /** `functions` and `form`: see function/weights.js. */
