@@ -64,18 +64,7 @@ def export(
     inputs = torch.from_numpy(_random_inputs(config, 0)[:1])
     name = "points" if config.encoder.takes_points else "image"
     graph = _halve(_exported(network, (inputs,), [name], ["theta", *(["color"] if color else [])]))
-    metadata = {
-        "hof.format": str(FORMAT),
-        "hof.spec": config.spec.to_json(),
-        "hof.card": card,
-    }
-    if config.encoder.takes_points:
-        metadata["hof.points"] = {"count": MOST_POINTS}
-    else:
-        metadata["hof.framing"] = asdict(config.framing)
-    if color:
-        metadata["hof.color_spec"] = color.spec.to_json()
-    for key, value in metadata.items():
+    for key, value in _metadata(config, card, color).items():
         entry = graph.metadata_props.add()
         entry.key, entry.value = key, value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
     data = graph.SerializeToString()
@@ -89,6 +78,15 @@ def export(
     with whole_file(output) as file:
         file.write(data)
     return differences
+
+
+def _metadata(config: TrainConfig, card: dict[str, Any], color: ColorHead | None) -> dict[str, str | dict[str, Any]]:
+    """Return what the service reads beside the network: texts, and objects that are written as JSON."""
+    is_of_points = config.encoder.takes_points
+    sees = {"hof.points": {"count": MOST_POINTS}} if is_of_points else {"hof.framing": asdict(config.framing)}
+    texts = {"hof.format": str(FORMAT), "hof.spec": config.spec.to_json()}
+    color_spec = {"hof.color_spec": color.spec.to_json()} if color else {}
+    return {**texts, "hof.card": card, **sees, **color_spec}
 
 
 @torch.no_grad()

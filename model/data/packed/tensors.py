@@ -78,24 +78,16 @@ def read_packed(
     if not shards:
         raise FileNotFoundError(f"{folder} holds no shards: run `hof-model data pack -o {folder}` first")
     cameras_of = read_cameras(folder) if with_cameras else None
-    cameras: list[Floats] = []
-    rows: list[Row] = []
-    strips: list[bytes] = []
-    points, colors = [], []
-    for path in shards:
-        for row, strip, of_shape, colored in _shapes(path):
-            is_made = row.source == MADE_SOURCE
-            if row.split == split and (made if is_made else variants or row.shape == 0):
-                if cameras_of is not None:
-                    if row.key not in cameras_of:
-                        continue
-                    cameras.append(cameras_of[row.key][list(row.views)])
-                rows.append(row)
-                strips.append(strip)
-                points.append(of_shape)
-                colors.append(colored)
-    if not rows:
+    shapes = [
+        shape
+        for path in shards
+        for shape in _shapes(path)
+        if _is_wanted(shape[0], split, variants, made) and (cameras_of is None or shape[0].key in cameras_of)
+    ]
+    if not shapes:
         raise FileNotFoundError(f"the shards in {folder} hold nothing of the split {split}")
+    rows, strips, points, colors = (list(column) for column in zip(*shapes, strict=True))
+    cameras = [cameras_of[row.key][list(row.views)] for row in rows] if cameras_of else []
     return arrange(
         rows,
         decode(strips, side, workers),
@@ -103,6 +95,10 @@ def read_packed(
         np.concatenate(colors) if all(row.colored for row in rows) else None,
         np.concatenate(cameras) if cameras else None,
     )
+
+
+def _is_wanted(row: Row, split: str, variants: bool, made: bool) -> bool:
+    return row.split == split and (made if row.source == MADE_SOURCE else variants or row.shape == 0)
 
 
 def _shapes(path: Path) -> list[tuple[Row, bytes, npt.NDArray[np.int16], Bytes]]:

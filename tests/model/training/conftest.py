@@ -4,11 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from model import cli
 from model.data.build import build
 from model.data.sources.meshes import folder_records
 from model.training.train import train
-from tests.support.small.runs import RUN
+from tests.support.small.runs import RUN, export_run
 from tests.support.small.shapes import write_folder
 
 
@@ -30,5 +29,4 @@ def run(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def exported(run: Path, built: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Export the run as an ONNX file."""
     output = tmp_path_factory.mktemp("weights") / "small-k2.onnx"
-    assert cli.main(["export", "--run", str(run), "--data", str(built), "-o", str(output)]) == 0
-    return output
+    return export_run(run, built, output)

@@ -19,7 +19,7 @@ from model.training.state import RunState
 from model.training.train import train, train_step
 from service.encoding.clouds import MOST_POINTS
 from service.encoding.encoder import Encoder
-from tests.support.small.runs import RUN, records
+from tests.support.small.runs import RUN, export_run, records
 
 pytestmark = pytest.mark.slow
 
@@ -35,8 +35,7 @@ def run(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def exported(run: Path, built: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     output = tmp_path_factory.mktemp("weights") / "small-points.onnx"
-    assert cli.main(["export", "--run", str(run), "--data", str(built), "-o", str(output)]) == 0
-    return output
+    return export_run(run, built, output)
 
 
 def test_train_step_on_parts_repeated_lowers_the_loss(built: Path) -> None:

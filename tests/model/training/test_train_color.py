@@ -27,6 +27,7 @@ from service.mapping.color import ColorSampler
 from service.mapping.spec import HOF_1, MappingSpec
 from tests.support.small import data as small_data
 from tests.support.small import network as small_network
+from tests.support.small.runs import export_run
 
 pytestmark = pytest.mark.slow
 
@@ -164,8 +165,7 @@ def test_color_and_export_give_a_model_with_color(run: Path, data: Path, capsys:
     assert cli.main(["color", "--run", str(run), "--data", str(data), "--minutes", "0.02"]) == 0
     assert capsys.readouterr().out == f"{run / 'color.pt'}\n"
     assert (run / "best.pt").read_bytes() == checkpoint
-    output = run / "weights" / "small.onnx"
-    assert cli.main(["export", "--run", str(run), "--data", str(data), "-o", str(output)]) == 0
+    output = export_run(run, data, run / "weights" / "small.onnx")
     encoder = Encoder.open(output, 1)
     assert encoder.color_spec == color_spec(CONFIG.spec)
     assert encoder.card["color"]["images"] >= CONFIG.batch
