@@ -1,5 +1,6 @@
 """A tiny model, photos, databases, and a real server on a free port."""
 
+import signal
 import sys
 import time
 from collections.abc import Iterator
@@ -30,6 +31,12 @@ TIERS: Final = {
     },
     "server": {"server", "client", "colored", "hof_serve", "running", "serving"},
 }
+
+
+def pytest_configure() -> None:
+    """Let processes that tests start receive Ctrl-C, also where the tests run in the background without it."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -34,7 +34,10 @@ def _interrupted(command: list[str], environment: dict[str, str], sign: Path) ->
             assert time.monotonic() < deadline
             time.sleep(0.01)
         os.killpg(process.pid, signal.SIGINT)
-        _, errors = process.communicate(timeout=TIMEOUT_S)
+        try:
+            _, errors = process.communicate(timeout=TIMEOUT_S)
+        finally:
+            process.kill()  # if it goes on, the test has failed and does not wait for it
     return process.returncode, errors
 
 
