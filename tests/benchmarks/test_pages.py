@@ -102,7 +102,7 @@ def test_replicas_of_few_operations_write_their_page(tmp_path: Path) -> None:
     options = ["--operations", "60", "--kills", "1", "--sizes", "1", "--seconds", "0.5", "-o", str(tmp_path)]
     command = [sys.executable, "-m", "benchmarks.load.replicas", *options]
     run = subprocess.run(command, capture_output=True, text=True, timeout=RUN_TIMEOUT_S, check=False, cwd=ROOT)
-    assert (run.returncode, run.stderr) == (0, "")
+    assert (run.returncode, run.stderr) == (0, ""), run.stdout
     text = (tmp_path / "REPLICAS.md").read_text()
     assert "| 4 replicas, PostgreSQL through PgBouncer: lost, doubled or wrong | 0.00 | <= 0 | yes |" in text
     assert "| 4 workers, SQLite: lost, doubled or wrong | 0.00 | <= 0 | yes |" in text

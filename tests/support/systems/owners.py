@@ -12,6 +12,7 @@ import random
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any, Final
 
 import aiohttp
@@ -82,8 +83,9 @@ class Owner:
     async def work(self, is_over: Callable[[], bool]) -> None:
         """Call again and again. Each call has a connection of its own, so any process may get it."""
         timeout = aiohttp.ClientTimeout(total=CALL_TIMEOUT_S)
-        connector = aiohttp.TCPConnector(force_close=True)
-        async with aiohttp.ClientSession(connector=connector, timeout=timeout) as self._client:
+        connector, traces = aiohttp.TCPConnector(force_close=True), aiohttp.TraceConfig()
+        traces.on_connection_create_end.append(_note_connection)
+        async with aiohttp.ClientSession(connector=connector, timeout=timeout, trace_configs=[traces]) as self._client:
             while not is_over():
                 await self._draw.choices([*OPERATIONS], [*OPERATIONS.values()])[0](self)
                 self._report.operations += 1
@@ -198,10 +200,12 @@ class Owner:
         again = False
         for _ in range(ATTEMPTS):
             url = self._draw.choice(self._urls)
+            connections: list[object] = []  # aiohttp repeats some calls that broke off, by itself
             try:
-                async with self._client.request(method, url + path, data=body) as answer:
+                async with self._client.request(method, url + path, data=body, trace_request_ctx=connections) as answer:
                     content = await answer.read()
             except aiohttp.ClientConnectorError:
+                again = again or bool(connections)  # refused when aiohttp repeated it
                 self._report.refused += 1
                 await asyncio.sleep(PAUSE_S)
                 continue
@@ -210,6 +214,7 @@ class Owner:
                 self._report.broken += 1
                 again = True
                 continue
+            again = again or len(connections) > 1
             self._report.statuses[answer.status] += 1
             if answer.status < 500 and answer.status != 429:
                 return answer.status, content, again
@@ -259,6 +264,10 @@ async def check_database(url: str, owners: Sequence[Owner], report: Report) -> N
     finally:
         await store.close()
     report.check(not expected, f"the database lacks {sorted(expected)[:10]}")
+
+
+async def _note_connection(_: aiohttp.ClientSession, context: SimpleNamespace, __: object) -> None:
+    context.trace_request_ctx.append(context)
 
 
 def _sha256(data: bytes) -> str:
