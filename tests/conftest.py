@@ -27,7 +27,7 @@ TIERS: Final = {
     "system": {
         *("postgres", "u2net_home", "behind_nginx"),
         *("check_valid", "gltf_report"),  # Node and the Khronos validator
-        *("build", "render_parts", "shoot", "sheets"),  # OpenGL
+        *("build", "built", "render_parts", "shoot", "sheets"),  # OpenGL
     },
     "server": {"server", "client", "colored", "hof_serve", "running", "serving"},
 }

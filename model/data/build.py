@@ -4,22 +4,17 @@ import hashlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 from tqdm import tqdm
 
 from model.data.dedupe import duplicates
-from model.data.manifest import COLORS, Entry, Manifest, Split, assign_splits
+from model.data.manifest import COLORS, OBJECTS, Entry, Manifest, Split, assign_splits, object_file
 from model.data.rendering.render import render_parts
 from model.data.sources.meshes import IDENTITY, MeshRecord, load_mesh
 from model.data.workers import run_with_report
 from service.files import whole_file
 from service.mapping.spec import Array
-
-OBJECTS: Final = "objects"
-MAX_STEM: Final = 200  # bytes of a file's name; the file system's limit is 255, with variants and temporary files
-DIGEST: Final = 16  # hexadecimal digits that keep cut names apart
 
 
 @dataclass(frozen=True)
@@ -127,16 +122,6 @@ def _check_names(jobs: list[RenderJob]) -> None:
         other = meshes.setdefault(job.target, job.record.path)
         if other != job.record.path:
             raise ValueError(f"{other} and {job.record.path} have one name, {job.target.stem}: rename one of them")
-
-
-def object_file(id_: str) -> str:
-    """Return the path of an object's arrays, relative to the data set's folder; long names are cut."""
-    stem = id_.replace("/", "__")
-    encoded = stem.encode()
-    if len(encoded) > MAX_STEM:
-        start = encoded[: MAX_STEM - DIGEST - 1].decode(errors="ignore")
-        stem = f"{start}-{hashlib.sha256(encoded).hexdigest()[:DIGEST]}"
-    return f"{OBJECTS}/{stem}.npz"
 
 
 def render_to_file(job: RenderJob) -> str | None:

@@ -1,5 +1,6 @@
-"""The manifest of a data set: its objects, their sources and splits."""
+"""The manifest of a data set: its objects, their files, sources and splits."""
 
+import hashlib
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
@@ -15,9 +16,13 @@ Split = Literal["train", "val", "test"]
 SPLITS: Final[tuple[Split, ...]] = ("train", "val", "test")
 SHARES: Final = (0.8, 0.1, 0.1)
 SIZE: Final = 192  # pixels per side of a rendered view
+SURFACE_POINTS: Final = 10_000  # of an object
+OBJECTS: Final = "objects"  # folder of the objects' files, in the data set's folder
 VARIANTS: Final = "variants"  # folder that `hof-model data vary` writes, in the data set's folder
 PIECES: Final = "made"  # folder that `hof-model data make` writes
 COLORS: Final = "colours"  # name of the points' colors in an object's file
+_MAX_STEM: Final = 200  # bytes of a file's name; the file system's limit is 255, with variants and temporary files
+_DIGEST: Final = 16  # hexadecimal digits that keep cut names apart
 _KEYS: Final = {"license": "licence"}  # field -> key in manifest.json, where they differ
 _OPTIONAL: Final = {"page": "", "rotation": None}  # field -> value for which manifest.json has no key
 
@@ -148,3 +153,13 @@ def assign_splits(ids: list[str], seed: int, fixed: Mapping[str, Split] | None =
             held_out = "test"
         splits[id_] = held_out
     return splits
+
+
+def object_file(id_: str) -> str:
+    """Return the path of an object's arrays, relative to the data set's folder; long names are cut."""
+    stem = id_.replace("/", "__")
+    encoded = stem.encode()
+    if len(encoded) > _MAX_STEM:
+        start = encoded[: _MAX_STEM - _DIGEST - 1].decode(errors="ignore")
+        stem = f"{start}-{hashlib.sha256(encoded).hexdigest()[:_DIGEST]}"
+    return f"{OBJECTS}/{stem}.npz"

@@ -11,10 +11,10 @@ import numpy.typing as npt
 import pyvista
 import trimesh
 
-from model.data.manifest import VARIANTS, Manifest, variant_file
+from model.data.manifest import SURFACE_POINTS, VARIANTS, Manifest, variant_file
 from model.data.procedural.textures import redress, texture_files
 from model.data.rendering.cameras import Doubles, free_cameras
-from model.data.rendering.render import SURFACE_POINTS, shoot, stage, stretch
+from model.data.rendering.render import shoot, stage, stretch
 from model.data.rendering.surface import sample_surface
 from model.data.sources.meshes import MeshRecord, load_parts
 from model.data.warp import STRETCH, warp

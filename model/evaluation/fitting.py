@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 
+from model.data.manifest import SURFACE_POINTS
 from model.data.rendering.surface import sample_surface
 from model.data.sources.meshes import IDENTITY, MeshRecord, load_mesh
 from model.evaluation.references.ceiling import STEPS, fit
@@ -17,7 +18,6 @@ from service.mapping.spec import HOF_1, Array, MappingSpec, word_of
 
 MODEL: Final = "fitted"  # stands for the encoder's name in the file
 SPEC: Final = HOF_1.with_k(2)  # that of the shipped model, so that words of both can be made
-SURFACE_POINTS: Final = 10_000
 
 
 @dataclass(frozen=True, eq=False)

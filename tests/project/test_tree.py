@@ -1,9 +1,9 @@
 """The tree stays easy to enter: small folders, files and functions, and docstrings that say what they describe."""
 
 import ast
+import functools
 import subprocess
 from collections import defaultdict
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -25,9 +25,9 @@ def _tracked(*patterns: str) -> list[Path]:
     return [Path(line) for line in lines if (ROOT / line).exists()]
 
 
-def _trees() -> Iterator[tuple[Path, ast.Module]]:
-    for path in _tracked("*.py"):
-        yield path, ast.parse((ROOT / path).read_text("utf-8"))
+@functools.cache
+def _trees() -> list[tuple[Path, ast.Module]]:
+    return [(path, ast.parse((ROOT / path).read_text("utf-8"))) for path in _tracked("*.py")]
 
 
 def _code_lines(function: Definition) -> int:

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from model.data.build import entry_of, object_file
+from model.data.build import entry_of
 from model.data.dedupe import duplicates
-from model.data.manifest import PIECES, Manifest
+from model.data.manifest import PIECES, Manifest, object_file
 from model.data.procedural.pieces import visible_points
 from model.data.rendering.cameras import free_cameras
 from model.data.rendering.render import shoot, stage

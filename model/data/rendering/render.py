@@ -11,13 +11,12 @@ import pyvista
 import trimesh
 from PIL import Image
 
-from model.data.manifest import SIZE
+from model.data.manifest import SIZE, SURFACE_POINTS
 from model.data.rendering.cameras import ring_cameras
 from model.data.rendering.surface import face_colors, material_color, material_image, sample_surface, vertex_colors
 from service.drawing.cloud import camera_axes
 
 SUPERSAMPLING: Final = 2
-SURFACE_POINTS: Final = 10_000
 FILL: Final = 0.94  # of the frame, by the object's larger half-extent
 MIN_OPACITY: Final = 0.35  # glass stays visible
 RGB: Final = "rgb"  # name of the colors of faces or vertices on the stage

@@ -13,9 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from model.data.build import OBJECTS, object_file
-from model.data.manifest import SIZE, Entry, Manifest
-from model.data.rendering.render import SURFACE_POINTS
+from model.data.manifest import OBJECTS, SIZE, SURFACE_POINTS, Entry, Manifest, object_file
 from model.data.shapenet.clouds import read_cloud
 from model.data.shapenet.layouts import LAYOUTS, WHAT3D, Model
 from model.data.workers import run_with_report

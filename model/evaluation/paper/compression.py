@@ -17,12 +17,12 @@ import numpy.typing as npt
 import trimesh
 from tqdm import tqdm
 
-from model.data.manifest import Split
+from model.data.manifest import SURFACE_POINTS, Split
 from model.data.rendering.surface import sample_surface
 from model.data.sources.meshes import MeshRecord, load_mesh
 from model.evaluation.classes import class_of
 from model.evaluation.evaluate import Case, cases
-from model.evaluation.fitting import MODEL, SPEC, SURFACE_POINTS, draw
+from model.evaluation.fitting import MODEL, SPEC, draw
 from model.evaluation.paper.record import PaperRecord, Trial, rounded
 from model.evaluation.references.ceiling import STEPS, fit
 from model.metrics import compare, floor

@@ -17,6 +17,7 @@ from tests.support.systems.postgres import Postgres
 
 SCHEMAS = ROOT / "tests" / "service" / "storage" / "schemas"
 TIMEOUT_S = 300
+pytestmark = pytest.mark.slow  # each test starts Python and loads the model
 
 
 def _doctor(folder: Path, model: Path, **settings: str) -> tuple[int, dict[str, tuple[str, str]]]:

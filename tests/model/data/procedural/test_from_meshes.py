@@ -10,9 +10,8 @@ from model import cli
 from model.config import TrainConfig
 from model.data.build import build
 from model.data.dataset import load_examples
-from model.data.manifest import SIZE, Manifest, piece_entries
+from model.data.manifest import SIZE, SURFACE_POINTS, Manifest, piece_entries
 from model.data.procedural.from_meshes import make_from_meshes
-from model.data.rendering.render import SURFACE_POINTS
 from model.data.sources.meshes import folder_records
 from tests.support.small.shapes import solid, write_folder
 

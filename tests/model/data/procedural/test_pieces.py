@@ -10,10 +10,9 @@ from model import cli
 from model.config import TrainConfig
 from model.data.build import build
 from model.data.dataset import PIECES_PER_DRAW, draw_batch, load_examples
-from model.data.manifest import SIZE
+from model.data.manifest import SIZE, SURFACE_POINTS
 from model.data.procedural import curved, pieces, seating
 from model.data.procedural.primitives import MATERIALS, Solid, assemble, between, box, cushion, lathe, lean, rod
-from model.data.rendering.render import SURFACE_POINTS
 from model.data.sources.meshes import folder_records
 from tests.support.small.shapes import write_folder
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import trimesh
 
+from model.data.manifest import SURFACE_POINTS
 from model.data.procedural import pieces
-from model.data.rendering.render import SURFACE_POINTS
 from model.data.rendering.surface import Floats, sample_surface
 from model.data.rendering.visible import visible
 
