@@ -14,6 +14,9 @@ GLTF := tests/support/gltf/node_modules/.package-lock.json
 PAGE_TOOLS := tests/service/viewer/tools/node_modules/.package-lock.json
 JS := client/js/node_modules/.package-lock.json
 
+# Keep byte code, whatever the shell says: tests start Python hundreds of times.
+unexport PYTHONDONTWRITEBYTECODE
+
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .PHONY: help demo serve static check quick test lint bench load soak replicas results paper gpu-check openapi lock clean
