@@ -1,4 +1,4 @@
-"""`hof encode-many`: a folder of photos becomes a table of objects."""
+"""`hof encode-many`: many photos become a table of objects."""
 
 import argparse
 import sys
@@ -19,8 +19,8 @@ def add_stage(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `hof encode-many`."""
     parser.add_argument(
         "photos",
-        help="a folder, searched with its subfolders; a text file with a path on each line; or a pattern in quotes, "
-        "such as 'photos/**/*.jpg'",
+        help="a folder, searched with its subfolders; s3://BUCKET/FOLDER; a text file with a path on each line; or a "
+        "pattern in quotes, such as 'photos/**/*.jpg'",
     )
     parser.add_argument("-o", "--output", type=Path, required=True, help="file to write, .parquet; it must not exist")
     add_framing(parser)
@@ -38,6 +38,8 @@ def run(arguments: argparse.Namespace) -> None:
     are kept beside the output until it is complete.
     """
     check_bulk("hof encode-many")
+    if arguments.output.parts[:1] == ("s3:",):
+        raise InvalidParameter("the output has to be a local file; copy it to S3 once it is complete", field="output")
     from service.runtime.bulk.encoding import encode_many
     from service.runtime.bulk.photos import Setup
 

@@ -3,32 +3,26 @@
 The rows are in the order of the photos, whatever the number of processes. Finished rows are kept in pieces, so a run
 that was stopped continues where it was. Memory holds one piece, whatever the number of photos.
 
-A process that a photo kills is replaced by pebble. Ray Data, which would run on a cluster too, was tried (2.60) and not
+Ray Data, which would run on a cluster too, was tried (2.60) and not
 taken: it repeats a photo that kills its worker for ever, so one such photo stops the run; it does not continue a run
 that was stopped; on one machine it starts eight processes with 537 MiB, and its servers listen on all addresses.
 """
 
-import multiprocessing
-from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import Future
+from collections.abc import Callable, Iterator
 from contextlib import closing
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Final
 
-from pebble import ProcessExpired, ProcessPool
-
 from service.errors import InvalidParameter
-from service.runtime.bulk.photos import Setup, encode_photos, failed, opened, shown
+from service.runtime.bulk.photos import Setup, encode_photos, opened, shown
 from service.runtime.bulk.pieces import Pieces
 from service.runtime.bulk.sources import chunks
-from service.storage.transfer.table import Item, schema_of
+from service.runtime.bulk.workers import encoded
+from service.storage.transfer.table import schema_of
 
 PIECE_ROWS: Final = 512
-JOB_PHOTOS: Final = 8  # sent to a process at a time
-JOBS_AHEAD: Final = 4  # for each process: one slow photo does not stop the others
-PHOTO_TIMEOUT_S: Final = 60.0
 
 
 def encode_many(
@@ -48,6 +42,8 @@ def encode_many(
     ------
     InvalidModel : a model is unusable.
     InvalidParameter : there are no photos, the table exists already, or a run with other options was not finished.
+    ConnectionError : photos are in S3, which does not answer or refuses the keys.
+    ChildProcessError : the processes die as they start.
     """
     encoder, _ = opened(setup)
     color = encoder.color_spec.size if encoder.color_spec else None
@@ -58,7 +54,7 @@ def encode_many(
     done = total - sum(sizes[number] for number in missing)
     listed = enumerate(chunks(photos(), PIECE_ROWS))
     sources = (name for number, chunk in listed if number in wanted for name in chunk)
-    with closing(encoded(setup, sources, processes)) as rows:
+    with closing(encoded(partial(encode_photos, setup), sources, processes)) as rows:
         for number in missing:
             items = []
             for item in islice(rows, sizes[number]):
@@ -68,38 +64,6 @@ def encode_many(
             pieces.write(number, items)
     count = pieces.join(len(sizes))
     return total - count, count
-
-
-def encoded(setup: Setup, sources: Iterable[str], processes: int) -> Generator[Item, None, None]:
-    """Yield the row of each photo, in order; photos are taken a little ahead. Closing it early kills the processes."""
-    pool = ProcessPool(processes, context=multiprocessing.get_context("spawn"))
-
-    def schedule(names: tuple[str, ...]) -> Future[list[Item]]:
-        future: Future[list[Item]] = pool.schedule(encode_photos, (setup, names), timeout=PHOTO_TIMEOUT_S * len(names))
-        return future
-
-    def result(names: tuple[str, ...], future: Future[list[Item]]) -> list[Item]:
-        """Return the rows of a job; if it killed its process, each photo gets a job of its own."""
-        try:
-            return future.result()
-        except (ProcessExpired, TimeoutError) as error:
-            if len(names) > 1:
-                return [result((name,), schedule((name,)))[0] for name in names]
-            slow = f"encoding took longer than {PHOTO_TIMEOUT_S:.0f} s"
-            killed = "the process that encoded it was killed, perhaps because it needed too much memory"
-            return [failed(names[0], slow if isinstance(error, TimeoutError) else killed)]
-
-    jobs: deque[tuple[tuple[str, ...], Future[list[Item]]]] = deque()
-    try:
-        for names in chunks(sources, JOB_PHOTOS):
-            jobs.append((names, schedule(names)))
-            if len(jobs) > JOBS_AHEAD * processes:
-                yield from result(*jobs.popleft())
-        while jobs:
-            yield from result(*jobs.popleft())
-    finally:
-        pool.stop()  # type: ignore[no-untyped-call]
-        pool.join()
 
 
 def _survey(pieces: Pieces, photos: Iterator[str]) -> tuple[list[int], list[int]]:

@@ -11,6 +11,7 @@ from service.encoding.framing import Background, preprocess
 from service.encoding.matting import Matting
 from service.errors import HofError, TooLarge
 from service.mapping.box import measure
+from service.runtime.bulk import s3
 from service.runtime.inputs.photos import photo_id, photo_record
 from service.storage.rows import Entry
 from service.storage.transfer.table import Item
@@ -33,7 +34,7 @@ class Setup:
 
 
 def encode_photos(setup: Setup, sources: Sequence[str]) -> list[Item]:
-    """Encode photos, one after the other, on one thread."""
+    """Encode photos, one after the other, on one thread. Raises ConnectionError if S3 cannot be used."""
     return [_encode(setup, source) for source in sources]
 
 
@@ -61,6 +62,8 @@ def _encode(setup: Setup, source: str) -> Item:
         return Item(_object(setup, image), shown(source), digest)
     except HofError as error:
         return failed(source, error.detail, digest)
+    except ConnectionError:  # no fault of the photo
+        raise
     except OSError as error:
         return failed(source, error.strerror or str(error), digest)
     except Exception as error:  # whatever a decoder raises: the other photos are encoded all the same
@@ -68,8 +71,11 @@ def _encode(setup: Setup, source: str) -> Item:
 
 
 def _read(source: str, max_bytes: int) -> bytes:
-    with open(source, "rb") as file:
-        image = file.read(max_bytes + 1)
+    if s3.is_url(source):
+        image = s3.read(source, max_bytes + 1)
+    else:
+        with open(source, "rb") as file:
+            image = file.read(max_bytes + 1)
     if len(image) > max_bytes:
         raise TooLarge(f"the photo has more than {max_bytes} bytes, the limit (--max-image-bytes)")
     return image

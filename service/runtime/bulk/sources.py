@@ -1,4 +1,4 @@
-"""Lists of photos: a folder, a text file with a path on each line, or a pattern."""
+"""Lists of photos: a folder, on disk or in S3, a text file with a path on each line, or a pattern."""
 
 import glob
 import os
@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final, NoReturn
 
 from service.errors import InvalidParameter
+from service.runtime.bulk import s3
 
 SUFFIXES: Final = (".png", ".jpg", ".jpeg", ".webp", ".avif", ".heic", ".heif")
 
@@ -18,14 +19,17 @@ def photos_of(source: str) -> Iterator[str]:
     Parameters
     ----------
     source : a folder, searched with its subfolders for files with `SUFFIXES`, hidden ones left out; a text file with a
-        path on each line; one photo; or a pattern such as `photos/**/*.jpg`.
+        path on each line; one photo; or a pattern such as `photos/**/*.jpg`. A folder or a photo, also on a line of
+        the text file, may be in S3: `s3://BUCKET/FOLDER`.
 
     Raises
     ------
     InvalidParameter : there is no such file or folder, and nothing fits the pattern.
-    OSError : a folder or the list cannot be read.
+    OSError : a folder or the list cannot be read; ConnectionError if it is in S3.
     """
-    if os.path.isdir(source):
+    if s3.is_url(source):
+        yield from (url for url in s3.files_of(source) if url.lower().endswith(SUFFIXES))
+    elif os.path.isdir(source):
         yield from _in_folder(source)
     elif os.path.isfile(source):
         yield from [source] if source.lower().endswith(SUFFIXES) else _in_list(Path(source))

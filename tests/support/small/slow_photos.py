@@ -22,3 +22,19 @@ def encode_or_wait(setup: Setup, sources: Sequence[str]) -> list[Item]:
     if any(Path(source).name == "2.png" for source in sources):
         time.sleep(600)
     return encode_photos(setup, sources)
+
+
+class DeadlyName(str):
+    """A path that kills the process that receives it, before that process can tell which job it has taken."""
+
+    __slots__ = ()
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return os.kill, (_Receiver(), signal.SIGKILL)
+
+
+class _Receiver:
+    """The process that unpickles it."""
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return os.getpid, ()

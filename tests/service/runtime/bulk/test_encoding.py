@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from service.errors import InvalidParameter
-from service.runtime.bulk import encoding
+from service.runtime.bulk import encoding, workers
 from service.runtime.bulk.encoding import encode_many
 from service.runtime.bulk.photos import Setup, encode_photos
 from service.runtime.bulk.sources import photos_of
@@ -95,7 +95,7 @@ def test_a_photo_that_cannot_be_encoded_is_a_row_with_its_reason(setup: Setup, f
 def test_two_processes_write_the_rows_that_one_writes(
     setup: Setup, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(encoding, "JOB_PHOTOS", 2)
+    monkeypatch.setattr(workers, "JOB_PHOTOS", 2)
     _run(setup, folder, tmp_path / "one.parquet")
     _run(setup, folder, tmp_path / "two.parquet", processes=2)
     assert _table(tmp_path / "one.parquet").equals(_table(tmp_path / "two.parquet"))
@@ -132,8 +132,8 @@ def test_a_photo_that_takes_too_long_is_a_row(
     setup: Setup, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(encoding, "encode_photos", encode_or_wait)
-    monkeypatch.setattr(encoding, "JOB_PHOTOS", 1)
-    monkeypatch.setattr(encoding, "PHOTO_TIMEOUT_S", 10.0)
+    monkeypatch.setattr(workers, "JOB_PHOTOS", 1)
+    monkeypatch.setattr(workers, "PHOTO_TIMEOUT_S", 10.0)
     assert _run(setup, folder, tmp_path / "t.parquet")[0] == (5, 4)
     rows = pq.read_table(tmp_path / "t.parquet").to_pylist()
     assert rows[2]["error"] == "encoding took longer than 10 s"
@@ -196,8 +196,8 @@ def test_photos_are_taken_only_a_little_ahead(setup: Setup, folder: Path) -> Non
             taken.append(str(folder / "0.png"))
             yield taken[-1]
 
-    rows = encoding.encoded(setup, endless(), 1)
+    rows = workers.encoded(partial(encode_photos, setup), endless(), 1)
     for _ in range(100):
         assert next(rows).entry
     rows.close()
-    assert len(taken) <= 100 + (encoding.JOBS_AHEAD + 2) * encoding.JOB_PHOTOS
+    assert len(taken) <= 100 + (workers.JOBS_AHEAD + 2) * workers.JOB_PHOTOS

@@ -1,0 +1,88 @@
+"""Processes that die at any time, by a real SIGKILL, and the rows that come of it."""
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from service.runtime.bulk import workers
+from service.runtime.bulk.photos import Setup, encode_photos
+from service.runtime.bulk.workers import encoded
+from tests.support.photos import disc, image_file
+from tests.support.small.slow_photos import DeadlyName
+
+
+@pytest.fixture
+def names(tmp_path: Path) -> list[str]:
+    """Return the paths of six photos."""
+    paths = [tmp_path / f"{number}.png" for number in range(6)]
+    for path in paths:
+        path.write_bytes(image_file(disc("red")))
+    return [str(path) for path in paths]
+
+
+@pytest.fixture
+def encode(model_path: Path) -> workers.Encode:
+    return partial(encode_photos, Setup(model_path, None, "auto", None, 200_000, 1_000_000))
+
+
+def _kill_all() -> None:
+    processes = multiprocessing.active_children()
+    assert processes
+    for process in processes:
+        if process.pid:
+            os.kill(process.pid, signal.SIGKILL)
+        process.join()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("processes", [1, 2])
+def test_encoded_with_idle_processes_killed_gives_every_row(
+    encode: workers.Encode, names: list[str], processes: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(workers, "JOB_PHOTOS", 1)
+    monkeypatch.setattr(workers, "JOBS_AHEAD", 0)  # the processes are idle whenever a photo is taken
+
+    def sources() -> Iterator[str]:
+        for number, name in enumerate(names):
+            if number in {2, 5}:
+                _kill_all()
+            yield name
+
+    rows = list(encoded(encode, sources(), processes))
+    assert [row.source for row in rows] == names
+    assert all(row.entry for row in rows)
+
+
+@pytest.mark.slow
+def test_encoded_with_busy_processes_killed_gives_every_row(encode: workers.Encode, names: list[str]) -> None:
+    rows = encoded(encode, [*names * 4, *names], 2)
+    first = next(rows)
+    _kill_all()
+    others = list(rows)
+    assert [row.source for row in (first, *others)] == names * 5
+    assert all(row.entry for row in (first, *others))
+
+
+@pytest.mark.slow
+def test_encoded_with_a_photo_that_kills_each_process_before_it_names_the_job_costs_its_row_only(
+    encode: workers.Encode, names: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(workers, "JOB_PHOTOS", 2)
+    names[2] = DeadlyName(names[2])
+    rows = list(encoded(encode, names, 1))
+    assert [row.source for row in rows] == names
+    assert [row.error for row in rows] == [None, None, workers.KILLED, None, None, None]
+
+
+def test_encoded_with_processes_that_cannot_start_ends_with_an_error(
+    encode: workers.Encode, names: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(multiprocessing.spawn, "_python_exe", b"/bin/false")
+    with pytest.raises(ChildProcessError, match="die as they start"):
+        list(encoded(encode, names, 2))
+    assert not multiprocessing.active_children()
