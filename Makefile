@@ -43,7 +43,7 @@ check: lint quick ## lint and the quick tests; needs Python alone
 quick: .venv/dev.stamp ## tests of the tier unit that are not slow; needs Python alone
 	OMP_NUM_THREADS=1 $(BIN)/pytest -n auto --dist worksteal -m 'unit and not slow'
 
-test: .venv/dev.stamp .venv/system.stamp $(BUNDLE) $(GLTF) $(PAGE_TOOLS) $(JS) $(MATTING) ## all tests
+test: .venv/dev.stamp .venv/system.stamp .venv/s3/stamp $(BUNDLE) $(GLTF) $(PAGE_TOOLS) $(JS) $(MATTING) ## all tests
 	OMP_NUM_THREADS=1 $(BIN)/pytest -n 3 --dist loadfile
 
 lint: .venv/dev.stamp ## style, types, layers of the code, Dockerfile
@@ -126,6 +126,12 @@ clean: ## remove what was installed, cached and written; data sets and runs stay
 .venv/peers/stamp: pyproject.toml | .venv/dev.stamp
 	$(PYTHON) -m venv .venv/peers
 	.venv/peers/bin/pip install --quiet --editable '.[fast]' 'litserve>=0.2.10' 'bentoml>=1.4'
+	@touch $@
+
+# A server of S3's protocol, for tests; it needs an older python-dateutil than ours.
+.venv/s3/stamp: | .venv/bin/python
+	$(PYTHON) -m venv .venv/s3
+	.venv/s3/bin/pip install --quiet 'moto[s3]>=5.2,<6' 'flask>=3.1' 'flask-cors>=6'
 	@touch $@
 
 .venv/system.stamp: tests/support/system.sh | .venv/bin/python

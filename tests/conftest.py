@@ -25,7 +25,7 @@ pytest_plugins = ["tests.support.browsing"]
 TIERS: Final = {
     "browser": {"browser", "page"},
     "system": {
-        *("postgres", "u2net_home", "behind_nginx"),
+        *("postgres", "u2net_home", "behind_nginx", "running_s3"),
         *("check_valid", "gltf_report"),  # Node and the Khronos validator
         *("build", "built", "render_parts", "shoot", "sheets"),  # OpenGL
     },

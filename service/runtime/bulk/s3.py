@@ -36,22 +36,32 @@ def files_of(url: str) -> Iterator[str]:
     InvalidParameter : there is no such folder or object.
     ConnectionError : there is no such bucket, the keys are refused, or the server does not answer.
     """
-    from pyarrow.fs import FileSelector, FileType
-
-    path = url.removeprefix(SCHEME).rstrip("/")
     try:
-        filesystem, folders = _filesystem(_bucket(path)), [path]
-        while folders:
-            entries = sorted(filesystem.get_file_info(FileSelector(folders.pop())), key=lambda entry: str(entry.path))
-            entries = [entry for entry in entries if not entry.base_name.startswith(".")]
-            yield from (SCHEME + entry.path for entry in entries if entry.type == FileType.File)
-            folders += [entry.path for entry in reversed(entries) if entry.type == FileType.Directory]
-    except FileNotFoundError as error:
-        if path == _bucket(path) or filesystem.get_file_info(path).type != FileType.File:
-            raise InvalidParameter(f"{url}: there is no such folder or object; patterns are for local files") from error
-        yield SCHEME + path
+        yield from _files(url, url.removeprefix(SCHEME).rstrip("/"))
     except OSError as error:
         raise ConnectionError(f"{url}: {_reason(error)}; {HELP}") from error
+
+
+def _files(url: str, path: str) -> Iterator[str]:
+    from pyarrow.fs import FileSelector, FileType
+
+    filesystem, folders = _filesystem(_bucket(path)), [path]
+    while folders:
+        try:
+            entries = filesystem.get_file_info(FileSelector(folder := folders.pop()))
+        except FileNotFoundError as error:  # no folder, or one that was removed meanwhile
+            if folder == path != _bucket(path) and filesystem.get_file_info(path).type == FileType.File:
+                yield url
+            elif folder == path:
+                raise InvalidParameter(
+                    f"{url}: there is no such folder or object; patterns are for local files"
+                ) from error
+            continue
+        entries = sorted(
+            (each for each in entries if not each.base_name.startswith(".")), key=lambda each: str(each.path)
+        )
+        yield from (SCHEME + each.path for each in entries if each.type == FileType.File)
+        folders += [each.path for each in reversed(entries) if each.type == FileType.Directory]
 
 
 def read(url: str, limit: int) -> bytes:

@@ -1,0 +1,157 @@
+"""`hof encode-many s3://...`, against a real S3 server over a socket."""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from service.cli.main import main
+from service.runtime.bulk import encoding, s3, workers
+from tests.support.photos import disc, image_file
+from tests.support.systems.s3 import S3, running_s3
+
+PHOTOS = ("photos/b c%20ü.png", "photos/d.JPG", "photos/2024/a.png", "photos/2024/z/q.png")
+OTHERS = ("photos/notes.txt", "photos/.hidden.png", "photos/.cache/x.png", "other/x.png", "photos.png")
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[S3]:
+    with running_s3() as server:
+        yield server
+
+
+@pytest.fixture
+def bucket(server: S3, model_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[S3]:
+    """Fill the bucket `shop`; the commands find it by their environment. The working folder is empty."""
+    server.create("shop")
+    for number, name in enumerate((*PHOTOS, *OTHERS)):
+        server.put(f"shop/{name}", image_file(disc(("red", "green", "blue", "navy")[number % 4])))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HOF_MODEL", str(model_path))
+    monkeypatch.setenv("AWS_ENDPOINT_URL", server.url)
+    monkeypatch.setenv("AWS_EC2_METADATA_DISABLED", "true")
+    monkeypatch.setenv("AWS_ACCESS_KEY_ID", "key")
+    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "secret")
+    s3._filesystem.cache_clear()
+    yield server
+    s3._filesystem.cache_clear()
+    server.reset()
+
+
+def _encode(*arguments: str) -> int:
+    return main(["encode-many", *arguments, "-o", "objects.parquet", "--processes", "1"])
+
+
+def _rows() -> dict[str, dict[str, object]]:
+    return {row["source"]: row for row in pq.read_table("objects.parquet").to_pylist()}
+
+
+@pytest.mark.usefixtures("bucket")
+def test_encode_many_of_a_folder_in_s3_gives_the_rows_of_the_same_files(tmp_path: Path) -> None:
+    assert _encode("s3://shop/photos") == 0
+    rows = _rows()
+    assert list(rows) == [f"s3://shop/{name}" for name in PHOTOS]
+    assert all(row["error"] is None for row in rows.values())
+    local = tmp_path / "local"
+    for number, name in enumerate(PHOTOS):
+        (local / name).parent.mkdir(parents=True, exist_ok=True)
+        (local / name).write_bytes(image_file(disc(("red", "green", "blue", "navy")[number])))
+    os.rename("objects.parquet", "from_s3.parquet")
+    assert _encode("local/photos") == 0
+    assert [row["id"] for row in _rows().values()] == [row["id"] for row in rows.values()]
+
+
+@pytest.mark.usefixtures("bucket")
+def test_encode_many_without_keys_reads_a_public_bucket(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("AWS_ACCESS_KEY_ID")
+    monkeypatch.delenv("AWS_SECRET_ACCESS_KEY")
+    monkeypatch.setenv("HOME", str(tmp_path))  # without ~/.aws
+    assert _encode("s3://shop/photos/2024/a.png") == 0
+    assert list(_rows()) == ["s3://shop/photos/2024/a.png"]
+
+
+def test_encode_many_of_a_list_with_urls_keeps_bad_photos_as_rows(bucket: S3) -> None:
+    bucket.put("shop/photos/bad.png", b"no photo")
+    names = ["s3://shop/photos/bad.png", "s3://shop/photos/d.JPG", "s3://shop/photos/gone.png"]
+    Path("list.txt").write_text("\n".join(names), "utf-8")
+    assert _encode("list.txt") == 0
+    bad, good, gone = _rows().values()
+    assert (bad["id"], good["error"], gone["id"]) == (None, None, None)
+    assert "image" in str(bad["error"])
+    assert gone["error"] == "s3://shop/photos/gone.png: there is no such object"
+
+
+def test_encode_many_that_loses_its_keys_ends_with_an_error_and_continues_later(
+    bucket: S3, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(encoding, "PIECE_ROWS", 2)
+    monkeypatch.setattr(workers, "JOB_PHOTOS", 1)
+    monkeypatch.setattr(workers, "JOBS_AHEAD", 1)
+    write = encoding.Pieces.write
+
+    def refuse_after(pieces: encoding.Pieces, number: int, items: object) -> None:
+        write(pieces, number, items)  # type: ignore[arg-type]
+        bucket.require_keys()
+
+    names = [f"s3://shop/{name}" for name in PHOTOS] * 3  # more than are read ahead
+    Path("list.txt").write_text("\n".join(names), "utf-8")
+    monkeypatch.setattr(encoding.Pieces, "write", refuse_after)
+    assert _encode("list.txt") == 2
+    message = capsys.readouterr().err
+    assert "ACCESS_DENIED" in message
+    assert "AWS_ACCESS_KEY_ID" in message
+    assert "run the same command to continue" in message
+    assert len(list(Path("objects.parquet.pieces").glob("*.parquet"))) >= 1
+    monkeypatch.setattr(encoding.Pieces, "write", write)
+    bucket.reset()
+    bucket.create("shop")
+    for name in PHOTOS:
+        bucket.put(f"shop/{name}", image_file(disc("red")))
+    assert _encode("list.txt") == 0
+    assert pq.read_table("objects.parquet")["error"].null_count == len(names)
+
+
+@pytest.mark.parametrize(
+    ("source", "message"),
+    [
+        ("s3://none/photos", "hof: s3://none/photos: The specified bucket does not exist (NO_SUCH_BUCKET); check the"),
+        ("s3://shop/none", "hof: s3://shop/none: there is no such folder or object"),
+        ("s3://shop/photos/*.png", "patterns are for local files"),
+        ("s3://", "lacks the bucket's name"),
+        ("s3://shop/photos/notes.txt", "there are no photos"),
+    ],
+)
+@pytest.mark.usefixtures("bucket")
+def test_encode_many_of_what_is_not_in_s3_ends_with_one_error(
+    capsys: pytest.CaptureFixture[str], source: str, message: str
+) -> None:
+    assert _encode(source) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+    assert not list(Path().iterdir())
+
+
+def test_encode_many_with_refused_keys_ends_with_one_error(bucket: S3, capsys: pytest.CaptureFixture[str]) -> None:
+    bucket.require_keys()
+    assert _encode("s3://shop/photos") == 2
+    error = capsys.readouterr().err
+    assert "does not exist in our records (INVALID_ACCESS_KEY_ID); check" in error
+    assert error.count("\n") == 1
+
+
+@pytest.mark.usefixtures("bucket")
+def test_encode_many_without_a_server_ends_with_one_error(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("AWS_ENDPOINT_URL", "http://127.0.0.1:9")
+    assert _encode("s3://shop/photos") == 2
+    assert "NETWORK_CONNECTION" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("bucket")
+def test_encode_many_to_s3_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["encode-many", "s3://shop/photos", "-o", "s3://shop/objects.parquet"]) == 2
+    assert "the output has to be a local file" in capsys.readouterr().err

@@ -1,0 +1,67 @@
+"""moto's S3 server, on loopback, in an environment of its own: it pins other versions of our requirements."""
+
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Final
+from urllib.parse import quote
+
+import httpx
+
+from tests.support import ROOT
+from tests.support.processes import START_TIMEOUT_S, free_port
+
+PROGRAM: Final = ROOT / ".venv" / "s3" / "bin" / "moto_server"
+
+
+class S3:
+    """A server at `url`. Until `require_keys`, it accepts all keys, and calls without."""
+
+    def __init__(self, url: str) -> None:
+        self.url = url
+
+    def create(self, bucket: str) -> None:
+        """Create a bucket."""
+        httpx.put(f"{self.url}/{bucket}").raise_for_status()
+
+    def put(self, name: str, content: bytes) -> None:
+        """Write an object that everybody may read, BUCKET/KEY."""
+        url = f"{self.url}/{quote(name)}"
+        httpx.put(url, content=content, headers={"x-amz-acl": "public-read"}).raise_for_status()
+
+    def require_keys(self) -> None:
+        """Refuse all keys from now on, since nobody has created any."""
+        httpx.post(f"{self.url}/moto-api/reset-auth", content=b"0").raise_for_status()
+
+    def reset(self) -> None:
+        """Remove all buckets, and accept all keys."""
+        httpx.post(f"{self.url}/moto-api/reset-auth", content=b"inf").raise_for_status()
+        httpx.post(f"{self.url}/moto-api/reset").raise_for_status()
+
+
+@contextmanager
+def running_s3() -> Iterator[S3]:
+    """Run the server."""
+    assert PROGRAM.is_file(), "these tests read from moto's S3 server: `make .venv/s3/stamp` installs it"
+    port = free_port()
+    url = f"http://127.0.0.1:{port}"
+    with subprocess.Popen([PROGRAM, "-H", "127.0.0.1", "-p", str(port)], stderr=subprocess.DEVNULL) as process:
+        try:
+            _wait(url, process)
+            yield S3(url)
+        finally:
+            process.terminate()
+
+
+def _wait(url: str, process: subprocess.Popen[bytes]) -> None:
+    deadline = time.monotonic() + START_TIMEOUT_S
+    while True:
+        try:
+            httpx.get(f"{url}/moto-api/data.json").raise_for_status()
+        except httpx.TransportError:
+            assert process.poll() is None, "moto_server ended"
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        else:
+            return
