@@ -9,6 +9,7 @@ import pytest
 
 from service.cli.main import main
 from service.runtime.bulk import encoding, s3, workers
+from service.runtime.bulk.pieces import Pieces
 from tests.support.photos import disc, image_file
 from tests.support.systems.s3 import S3, running_s3
 
@@ -89,22 +90,22 @@ def test_encode_many_that_loses_its_keys_ends_with_an_error_and_continues_later(
     monkeypatch.setattr(encoding, "PIECE_ROWS", 2)
     monkeypatch.setattr(workers, "JOB_PHOTOS", 1)
     monkeypatch.setattr(workers, "JOBS_AHEAD", 1)
-    write = encoding.Pieces.write
+    write = Pieces.write
 
-    def refuse_after(pieces: encoding.Pieces, number: int, items: object) -> None:
+    def refuse_after(pieces: Pieces, number: int, items: object) -> None:
         write(pieces, number, items)  # type: ignore[arg-type]
         bucket.require_keys()
 
     names = [f"s3://shop/{name}" for name in PHOTOS] * 3  # more than are read ahead
     Path("list.txt").write_text("\n".join(names), "utf-8")
-    monkeypatch.setattr(encoding.Pieces, "write", refuse_after)
+    monkeypatch.setattr(Pieces, "write", refuse_after)
     assert _encode("list.txt") == 2
     message = capsys.readouterr().err
     assert "ACCESS_DENIED" in message
     assert "AWS_ACCESS_KEY_ID" in message
     assert "run the same command to continue" in message
     assert len(list(Path("objects.parquet.pieces").glob("*.parquet"))) >= 1
-    monkeypatch.setattr(encoding.Pieces, "write", write)
+    monkeypatch.setattr(Pieces, "write", write)
     bucket.reset()
     bucket.create("shop")
     for name in PHOTOS:
