@@ -13,6 +13,11 @@ FROM python:3.11.14-slim-bookworm@sha256:65a93d69fa75478d554f4ad27c85c1e69fa1849
 WORKDIR /src
 SHELL ["/bin/bash", "-o", "pipefail", "-c"]
 
+# For the compiled kernel; the last stage has no compiler.
+RUN apt-get update \
+    && apt-get install --yes --no-install-recommends "gcc=4:12.2.*" "libc6-dev=2.36-*" \
+    && rm -rf /var/lib/apt/lists/*
+
 # What the service requires, at the versions that were tested; their hashes are checked.
 COPY requirements/service.txt requirements/service.txt
 RUN python -m venv /opt/hof \
@@ -31,6 +36,7 @@ COPY --from=viewer /viewer/node_modules service/viewer/node_modules
 RUN pip wheel --no-cache-dir --no-deps --wheel-dir /wheels . \
     && test -f service/viewer/static/bundle/three/LICENSE \
     && /opt/hof/bin/pip install --no-cache-dir --no-deps /wheels/hof_service-*.whl \
+    && /opt/hof/bin/python -c "import service.mapping._kernel" \
     && /opt/hof/bin/pip check
 
 # Nothing that runs needs these: pip, tests of packages, and onnxruntime for C programs, a second copy of 35 MB.

@@ -13,6 +13,7 @@ BUNDLE := service/viewer/static/bundle/three/LICENSE
 GLTF := tests/support/gltf/node_modules/.package-lock.json
 PAGE_TOOLS := tests/service/viewer/tools/node_modules/.package-lock.json
 JS := client/js/node_modules/.package-lock.json
+KERNEL := $(wildcard service/mapping/kernel/*)
 
 # Keep byte code, whatever the shell says: tests start Python hundreds of times.
 unexport PYTHONDONTWRITEBYTECODE
@@ -98,21 +99,22 @@ LOCK = CUSTOM_COMPILE_COMMAND='make lock' $(BIN)/pip-compile --quiet --generate-
 clean: ## remove what was installed, cached and written; data sets and runs stay
 	rm -rf .venv tests/support/gltf/node_modules tests/service/viewer/tools/node_modules service/viewer/node_modules service/viewer/static/bundle
 	rm -rf client/js/node_modules client/js/dist
-	rm -rf out build *.egg-info client/src/*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf out build service/mapping/_kernel*.so *.egg-info client/src/*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	find service model client tests benchmarks demo -name __pycache__ -prune -exec rm -rf {} +
 
 .venv/bin/python:
 	@test -n '$(PYTHON)' || { echo 'no Python from 3.11 on with venv is on the PATH: install one, or run make PYTHON=/path/to/python' >&2; exit 1; }
 	'$(PYTHON)' -m venv .venv
 
-# The service alone, at the tested versions, without torch. If npm is there, setup.py builds the page too.
-.venv/service.stamp: pyproject.toml setup.py requirements/service.txt service/viewer/package-lock.json | .venv/bin/python
+# The service alone, at the tested versions, without torch. setup.py builds the kernel too if a C compiler is there, and
+# the page if npm is.
+.venv/service.stamp: pyproject.toml setup.py $(KERNEL) requirements/service.txt service/viewer/package-lock.json | .venv/bin/python
 	$(LOCKED) requirements/service.txt
 	$(BIN)/pip install --quiet --no-deps --editable .
 	@touch $@
 
 # torch is installed separately, because the right build of it depends on the machine.
-.venv/dev.stamp: pyproject.toml setup.py client/pyproject.toml requirements/dev.txt service/viewer/package-lock.json | .venv/bin/python
+.venv/dev.stamp: pyproject.toml setup.py $(KERNEL) client/pyproject.toml requirements/dev.txt service/viewer/package-lock.json | .venv/bin/python
 	$(LOCKED) requirements/dev.txt
 	$(BIN)/pip install --quiet '$(TORCH)'
 	$(BIN)/pip install --quiet --no-deps --editable . --editable client
@@ -125,7 +127,7 @@ clean: ## remove what was installed, cached and written; data sets and runs stay
 # Servers to compare with, in an environment of their own: they pin other versions of our requirements.
 .venv/peers/stamp: pyproject.toml | .venv/dev.stamp
 	$(PYTHON) -m venv .venv/peers
-	.venv/peers/bin/pip install --quiet --editable '.[fast]' 'litserve>=0.2.10' 'bentoml>=1.4'
+	.venv/peers/bin/pip install --quiet --editable . 'litserve>=0.2.10' 'bentoml>=1.4'
 	@touch $@
 
 # A server of S3's protocol, for tests; it needs an older python-dateutil than ours.
@@ -134,8 +136,10 @@ clean: ## remove what was installed, cached and written; data sets and runs stay
 	.venv/s3/bin/pip install --quiet 'moto[s3]>=5.2,<6' 'flask>=3.1' 'flask-cors>=6'
 	@touch $@
 
-.venv/system.stamp: tests/support/system.sh | .venv/bin/python
+# With the C compiler that it installs, the kernel is built where there was none before.
+.venv/system.stamp: tests/support/system.sh | .venv/service.stamp
 	bash tests/support/system.sh
+	$(BIN)/pip install --quiet --no-deps --editable .
 	@touch $@
 
 # Again, for machines that had no npm before.

@@ -10,7 +10,6 @@ import numpy as np
 
 from benchmarks.speed.timing import pin
 from model.provenance import provenance
-from service.mapping import compiled
 from service.mapping.sampler import hold_blas_to_one_thread
 from service.mapping.spec import HOF_1, HOF_3, Activation, Domain, MappingSpec
 from service.runtime.cost import PRICES_NS, cost_of, counts_of
@@ -71,7 +70,6 @@ def main() -> None:
     arguments = parser.parse_args()
     pin()
     hold_blas_to_one_thread()
-    compiled.load()
     measured = measure(SHAPES, arguments.rounds)
     names = list(PRICES_NS)
     counts = np.array([[counts_of(spec)[name] for name in names] for spec in SHAPES], dtype=np.float64)

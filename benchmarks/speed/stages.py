@@ -45,7 +45,7 @@ def main() -> None:
     arguments = parser.parse_args()
     os.sched_setaffinity(0, {core := min(os.sched_getaffinity(0))})
     hold_blas_to_one_thread()
-    engine = "numba" if compiled.load() else "NumPy"
+    engine = "the compiled kernel" if compiled.load() else "NumPy"
     stages = measure_stages(arguments.rounds)
     figures = over_http.measure(core, arguments.rounds)
     total = 1000 * float(np.median(figures.new_s))

@@ -44,7 +44,6 @@ from service.api.routes import (
     weights,
 )
 from service.encoding.decode import configure_pillow
-from service.mapping import compiled
 from service.mapping.sampler import hold_blas_to_one_thread
 from service.runtime.admission import Gates
 from service.runtime.networks import Networks
@@ -155,9 +154,7 @@ def _telemetry() -> TelemetryConfig:
 async def _lifespan(settings: Settings, networks: Networks | None, app: FastAPI) -> AsyncIterator[None]:
     """Open the networks and the store and run one inference of each encoder; close the store in the end."""
     with ThreadPoolExecutor(settings.threads, thread_name_prefix="hof") as executor:
-        opened, _ = await asyncio.gather(
-            asyncio.to_thread(_open_warm, settings, networks), asyncio.to_thread(compiled.load)
-        )
+        opened = await asyncio.to_thread(_open_warm, settings, networks)
         hold_blas_to_one_thread()
         configure_pillow()
         store = await Store.open_once_reachable(

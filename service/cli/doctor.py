@@ -1,7 +1,6 @@
 """`hof doctor`: check an installation; one line per check, with a remedy for each fault."""
 
 import asyncio
-import importlib.util
 import os
 import shutil
 import socket
@@ -15,6 +14,7 @@ from service.api.routes.viewer import BUNDLE, NOT_BUILT
 from service.encoding.matting import Matting
 from service.encoding.registry import Models
 from service.errors import HofError
+from service.mapping import compiled
 from service.settings import MIB, Settings, available_cpus
 from service.storage import database
 from service.telemetry import tracing
@@ -127,18 +127,20 @@ def _threads(settings: Settings) -> tuple[State, str]:
     return ("ok", message) if threads <= cpus else ("warn", f"{message}: {advice}")
 
 
-def _fast(settings: Settings) -> tuple[State, str]:
-    return _extra("fast", importlib.util.find_spec("numba") is not None, "points are computed more slowly without it")
+def _kernel(settings: Settings) -> tuple[State, str]:
+    kernel = compiled.load()
+    if kernel is None:
+        return "warn", compiled.NOT_BUILT
+    return "ok", f"compiled, with {next(iter(kernel.SETS))}"
 
 
 def _otel(settings: Settings) -> tuple[State, str]:
     if not tracing.is_wanted():
         return "ok", "no traces: OTEL_EXPORTER_OTLP_ENDPOINT is not set"
-    return _extra("otel", tracing.is_installed(), "OTEL_EXPORTER_OTLP_ENDPOINT is set, but no trace can be sent")
-
-
-def _extra(name: str, installed: bool, without: str) -> tuple[State, str]:
-    return ("ok", "installed") if installed else ("warn", f"{without}: pip install '.[{name}]' in the source folder")
+    if not tracing.is_installed():
+        advice = "pip install '.[otel]' in the source folder"
+        return "warn", f"OTEL_EXPORTER_OTLP_ENDPOINT is set, but no trace can be sent: {advice}"
+    return "ok", "installed"
 
 
 CHECKS: Final[dict[str, Callable[[Settings], tuple[State, str]]]] = {
@@ -150,6 +152,6 @@ CHECKS: Final[dict[str, Callable[[Settings], tuple[State, str]]]] = {
     "page": _page,
     "keys": _keys,
     "threads": _threads,
-    "[fast]": _fast,
+    "kernel": _kernel,
     "[otel]": _otel,
 }

@@ -2,7 +2,7 @@
 
 Most outermost points of an object are images of the canonical domain's border, so the probe is dense there. The
 search then tries points around the best candidates of each of the six directions, in steps that become smaller.
-The same function gives the same box on one machine with the same engine (NumPy, or numba if it is installed).
+The same function gives the same box on one machine with the same engine (the compiled kernel, or NumPy).
 Other engines round sums differently, and the search may end at another point: boxes then differ by up to a thousandth
 of the longest side. benchmarks/BOXES.md has the error against the box of many points.
 """

@@ -101,7 +101,7 @@ def _uniform(seed: int, low: int, high: int) -> Array:
     kernel = compiled.load()
     if kernel is not None:
         u = np.empty((_LANES, high - low), np.float32)
-        kernel.uniform(np.uint64(seed), low // 2, u)
+        kernel.uniform(seed, low // 2, u)
         return u
     raw = np.random.Philox(key=seed, counter=low // 2).random_raw(2 * (high - low))
     words: npt.NDArray[np.uint32] = raw.astype("<u8", copy=False).view("<u4").reshape(-1, _LANES)

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from service.mapping import compiled
 from service.mapping.canonical import canonical_points
-from service.mapping.compiled import Compiled
+from service.mapping.compiled import ROW, Kernel
 from service.mapping.spec import Array, MappingSpec, layers
 
 TILES: Final = (256, 128)  # points of one product, for up to `WIDE` units and for more: 512 KiB fit the L2 cache
@@ -158,21 +158,18 @@ class CompiledFold:
 
     GRID: Final = 6
 
-    def __init__(self, fold: Fold, kernel: Compiled) -> None:
+    def __init__(self, fold: Fold, kernel: Kernel) -> None:
         self._fold, self._kernel = fold, kernel
-        counts = fold.crossing.sum(axis=1)
-        self._starts = np.zeros(len(counts) + 1, np.int64)
-        np.cumsum(-(-counts // compiled.LANES) * compiled.LANES, out=self._starts[1:])
-        self._units = np.zeros((7, self._starts[-1]), np.float32)
-        kernel.pack(fold.crossing, np.concatenate([fold.first.T, fold.second]), self._starts, self._units)
+        self._starts = np.empty(len(fold.crossing) + 1, np.int64)
+        self._units = np.empty((np.count_nonzero(fold.crossing), ROW), np.float32)
+        kernel.pack(fold.crossing, np.concatenate([fold.first, fold.second.T], axis=1), self._starts, self._units)
 
     def map(self, x: Array) -> Array:
         """Compute the fold's values at points: (3, n) float32 -> (3, n)."""
-        kernel, fold = self._kernel, self._fold
-        order, ends = np.empty(x.shape[1], np.int32), np.empty(len(fold.affine), np.int64)
-        kernel.sort(x, fold.origin, fold.per_unit, fold.grid, order, ends)
-        y = np.empty_like(x)
-        kernel.evaluate(x, order, ends, self._starts, self._units, fold.affine, y)
+        fold, y = self._fold, np.empty(x.shape, np.float32)
+        self._kernel.map(
+            np.ascontiguousarray(x), fold.origin, fold.per_unit, fold.grid, self._starts, self._units, fold.affine, y
+        )
         return y
 
 

@@ -29,7 +29,7 @@ DAY_S: Final = 86_400
 def needs() -> list[str]:
     """Return the rows of the table of needs: a name, and a value for each number of users."""
     photos_each_core = _cell(PHOTOS, "ours", 5)  # 64 clients
-    points_each_core = 1e6 * _cell(POINTS, "ours, NumPy", 3) * _cell(HTTP, SHARE_OF_SAMPLER, 1)  # n = 10,000
+    points_each_core = 1e6 * _cell(POINTS, "ours", 3) * _cell(HTTP, SHARE_OF_SAMPLER, 1)  # n = 10,000
     object_bytes = 4 * (HOF_1.size + COLOR.size) + ROW_BYTES
     table: dict[str, list[str]] = {}
     for users in USERS:

@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
 # What the tests need beyond Python: Node for the Khronos glTF validator and for npm's packages, Chromium and Firefox for
-# the page, a screen that nobody sees for Firefox's WebGL, OpenGL without a screen for the renderer and for MeshLab, curl
+# the page, a C compiler for the kernel, a screen that nobody sees for Firefox's WebGL, OpenGL without a screen for the renderer and for MeshLab, curl
 # for the README's lines, PostgreSQL and PgBouncer for the store, nginx as a proxy. Installs Debian's packages where the
 # user is root; else names the command that does.
 set -euo pipefail
 
 missing=()
-for tool in node npm curl chromium firefox-esr xvfb-run xauth; do
+for tool in node npm gcc curl chromium firefox-esr xvfb-run xauth; do
     command -v "$tool" >/dev/null || missing+=("$(sed 's/^node$/nodejs/; s/^xvfb-run$/xvfb/' <<<"$tool")")
 done
 compgen -G '/usr/lib/postgresql/*/bin/initdb' >/dev/null || command -v initdb >/dev/null || missing+=(postgresql)

@@ -8,7 +8,6 @@ from service.api.responses.objects import EncodedObject
 from service.encoding.encoder import Encoder
 from service.encoding.framing import preprocess
 from service.encoding.report import ImageReport
-from service.mapping import compiled
 from service.mapping.box import examine
 from service.mapping.sampler import hold_blas_to_one_thread
 from service.mapping.spec import Functions
@@ -23,7 +22,6 @@ class Work:
     def __init__(self) -> None:
         self.encoder = Encoder.open(SHIPPED_MODEL, threads=1)
         self.encoder.warm_up()
-        compiled.load()
         hold_blas_to_one_thread()
 
     def encode(self, image: bytes) -> tuple[Record, Functions, dict[str, Any]]:

@@ -49,7 +49,7 @@ def _doctor(folder: Path, model: Path, **settings: str) -> tuple[int, dict[str, 
         "page",
         "keys",
         "threads",
-        "[fast]",
+        "kernel",
         "[otel]",
         "address",
     }
@@ -83,7 +83,7 @@ def test_doctor_of_a_broken_installation_names_each_fault(tmp_path: Path) -> Non
     for subject, state, text in expected:
         assert findings[subject][0] == state, subject
         assert text in findings[subject][1]
-    assert findings["page"][0] == findings["[fast]"][0] == "ok"
+    assert findings["page"][0] == "ok"
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from service.mapping.box import examine, measure
 from service.mapping.cloud import bounds
 from service.mapping.sampler import Sampler, sample
 from service.mapping.spec import HOF_1, Color, Functions, MappingSpec, initial_theta, word_of
+from tests.service.mapping.engines import built_kernel, needs_kernel
 
 POINTS = 2_000_000
 CLOSE = 0.01  # of the longest side: what the documents promise
@@ -32,12 +33,13 @@ def test_box_is_close_to_that_of_many_points(spec: MappingSpec, seed: int) -> No
     np.testing.assert_allclose(frame.high, high, atol=CLOSE * frame.unit)
 
 
+@needs_kernel
 @pytest.mark.parametrize("spec", SPECS, ids=lambda spec: spec.name)
-def test_box_with_and_without_numba_differs_by_a_thousandth_at_most(
+def test_box_with_and_without_the_kernel_differs_by_a_thousandth_at_most(
     spec: MappingSpec, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     thetas = [initial_theta(spec, seed) for seed in range(5)]
-    assert compiled.load() is not None, "numba is missing: the extra `fast` is a part of `dev`"
+    built_kernel()
     frames = [measure(spec, theta) for theta in thetas]
     monkeypatch.setattr(compiled, "load", lambda: None)
     for theta, frame in zip(thetas, frames, strict=True):

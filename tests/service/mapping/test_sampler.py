@@ -16,19 +16,20 @@ from service.mapping.canonical import BLOCK, canonical_points
 from service.mapping.folding import CompiledFold, Fold, NumpyFold
 from service.mapping.sampler import CHUNK, sample
 from service.mapping.spec import HOF_1, HOF_3, Array, Domain, MappingSpec, apply, compose, initial_theta
+from tests.service.mapping.engines import built_kernel, needs_kernel
 
 SMALL = MappingSpec("small", 3, (16,), 3)
 WIDE = MappingSpec("wide", 3, (256, 256), 3)
 
 
-@pytest.fixture(params=["numpy", "fast"], autouse=True, scope="module")
+@pytest.fixture(params=["numpy", pytest.param("kernel", marks=needs_kernel)], autouse=True, scope="module")
 def engine(request: pytest.FixtureRequest) -> Iterator[str]:
     """Run every test on plain NumPy and on the compiled kernel."""
     with pytest.MonkeyPatch.context() as patch:
         if request.param == "numpy":
             patch.setattr(compiled, "load", lambda: None)
         else:
-            assert compiled.load() is not None, "numba is missing: the extra `fast` is a part of `dev`"
+            built_kernel()
         yield request.param
 
 
@@ -185,7 +186,7 @@ def peak_bytes(n: int) -> int:
 
 
 def test_sample_memory_does_not_grow_with_n() -> None:
-    peak_bytes(1_300_000)  # what is compiled or loaded by a first call is of no cloud
+    peak_bytes(1_300_000)  # what is loaded by a first call is of no cloud
     assert peak_bytes(1_300_000) < 1.1 * peak_bytes(130_000)
 
 

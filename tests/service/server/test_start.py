@@ -13,7 +13,7 @@ from service.server.process import Server
 from service.settings import Settings
 from tests.support import ROOT
 
-COSTLY = ("alembic", "asyncpg", "numba", "pyarrow", "sqlalchemy.orm", "torch")
+COSTLY = ("alembic", "asyncpg", "pyarrow", "sqlalchemy.orm", "torch")
 IMPORTS = f"""
 import asyncio, sys
 from service.server.serve import serve

@@ -1,0 +1,385 @@
+/* service.mapping._kernel: what the sampler computes for each point, without Python's lock.
+ *
+ * Arrays are C-contiguous buffers of the types and shapes that _kernel.pyi names; others are a ValueError. The best
+ * instruction set of the processor is chosen at import.
+ */
+
+#define PY_SSIZE_T_CLEAN
+#include <Python.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "kernel.h"
+
+#define INLINE static inline __attribute__((always_inline))
+#define MOST_BUFFERS 8
+#define MOST_CELLS_A_SIDE 256
+
+#if defined(__x86_64__)
+#include <immintrin.h>
+
+/* maxps returns its second operand if one of the two is NaN. */
+#define NAME(f) f##_avx512
+#define TARGET __attribute__((target("avx512f,avx512vl,avx512dq,avx512bw,fma,prefer-vector-width=512")))
+#define LANES 16
+#define VECTORS 2
+#define RELU(u) _mm512_max_ps(_mm512_setzero_ps(), u)
+#include "points.h"
+#undef NAME
+#undef TARGET
+#undef LANES
+#undef RELU
+
+#define NAME(f) f##_avx2
+#define TARGET __attribute__((target("avx2,fma")))
+#define LANES 8
+#define RELU(u) _mm256_max_ps(_mm256_setzero_ps(), u)
+#include "points.h"
+#undef NAME
+#undef TARGET
+#undef LANES
+#undef RELU
+
+#define NAME(f) f##_sse2
+#define TARGET
+#define LANES 4
+#define RELU(u) _mm_max_ps(_mm_setzero_ps(), u)
+#include "points.h"
+
+#define SETS 3
+#else
+
+typedef int32_t Bits __attribute__((vector_size(16)));
+
+#define NAME(f) f##_plain
+#define TARGET
+#define LANES 4
+#define VECTORS 4
+#define RELU(u) (vector_plain)((Bits)(u) & ~(Bits)((u) < 0))
+#include "points.h"
+
+#define SETS 1
+#endif
+
+typedef struct {
+    const char *name;
+    void (*fold_cell)(const Cell *, const float *const[3], float *const[3], int64_t);
+    void (*find_cells)(const Fold *, const float *, int64_t, int32_t *);
+    void (*restore)(const int32_t *, const float *, int64_t, float *);
+} Set;
+
+#define SET(text, suffix) {text, fold_cell_##suffix, find_cells_##suffix, restore_##suffix}
+
+/* Best first. */
+static const Set sets[SETS] = {
+#if defined(__x86_64__)
+    SET("AVX-512", avx512), SET("AVX2", avx2), SET("SSE2", sse2),
+#else
+    SET("plain C", plain),
+#endif
+};
+
+/* Return the index of the best set that the processor has. */
+static int best_set(void)
+{
+#if defined(__x86_64__)
+    __builtin_cpu_init();
+    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512dq") &&
+        __builtin_cpu_supports("avx512bw"))
+        return 0;
+    return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") ? 1 : 2;
+#else
+    return 0;
+#endif
+}
+
+/* Arguments: arrays that are checked and held until release(). */
+
+typedef struct {
+    Py_buffer views[MOST_BUFFERS];
+    int count;
+} Buffers;
+
+typedef enum { READ = 0, WRITE = PyBUF_WRITABLE } Access;
+
+static void release(Buffers *buffers)
+{
+    while (buffers->count)
+        PyBuffer_Release(&buffers->views[--buffers->count]);
+}
+
+static int is_of_type(const Py_buffer *view, const char *type)
+{
+    const char *format = view->format ? view->format : "B";
+    if (strcmp(type, "int64") == 0)
+        return view->itemsize == 8 && (strcmp(format, "l") == 0 || strcmp(format, "q") == 0);
+    if (strcmp(type, "bool") == 0)
+        return strcmp(format, "?") == 0;
+    return strcmp(format, "f") == 0; /* float32 */
+}
+
+/* Return an array's memory, or NULL with ValueError. `shape` has a pointer for each dimension: to the length that it
+ * must have, or to -1, which becomes the length that it has. */
+static void *take(Buffers *buffers, PyObject *array, const char *name, const char *type, Access access, int dimensions,
+                  Py_ssize_t *const *shape)
+{
+    Py_buffer *view = &buffers->views[buffers->count];
+    if (PyObject_GetBuffer(array, view, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT | access) < 0) {
+        PyErr_Clear();
+        PyErr_Format(PyExc_ValueError, "%s is not a C-contiguous%s array", name, access == WRITE ? ", writable" : "");
+        return NULL;
+    }
+    buffers->count++;
+    if (!is_of_type(view, type) || view->ndim != dimensions) {
+        PyErr_Format(PyExc_ValueError, "%s has %d dimensions of format '%s'; %d of %s are needed", name, view->ndim,
+                     view->format ? view->format : "B", dimensions, type);
+        return NULL;
+    }
+    for (int i = 0; i < dimensions; i++) {
+        if (*shape[i] < 0)
+            *shape[i] = view->shape[i];
+        if (*shape[i] != view->shape[i]) {
+            PyErr_Format(PyExc_ValueError, "%s has length %zd in dimension %d; %zd is needed", name, view->shape[i], i,
+                         *shape[i]);
+            return NULL;
+        }
+    }
+    return view->buf;
+}
+
+#define SHAPE(...) (Py_ssize_t *const[]){__VA_ARGS__}
+#define LENGTHS(...) (sizeof((Py_ssize_t *const[]){__VA_ARGS__}) / sizeof(Py_ssize_t *))
+#define TAKE(array, type, access, ...) \
+    take(&buffers, array##_object, #array, type, access, (int)LENGTHS(__VA_ARGS__), SHAPE(__VA_ARGS__))
+
+/* Philox 4x64-10: Salmon et al., "Parallel random numbers: as easy as 1, 2, 3" (2011). */
+static void philox(const uint64_t key, const uint64_t counter, uint64_t word[4])
+{
+    const uint64_t a = 0xD2E7470EE14C6C93, b = 0xCA5A826395121157;
+    uint64_t k0 = key, k1 = 0;
+    word[0] = counter;
+    word[1] = word[2] = word[3] = 0;
+    for (int round = 0; round < 10; round++) {
+        const unsigned __int128 ax = (unsigned __int128)a * word[0], by = (unsigned __int128)b * word[2];
+        const uint64_t first = (uint64_t)(by >> 64) ^ word[1] ^ k0, third = (uint64_t)(ax >> 64) ^ word[3] ^ k1;
+        word[0] = first;
+        word[1] = (uint64_t)by;
+        word[2] = third;
+        word[3] = (uint64_t)ax;
+        k0 += 0x9E3779B97F4A7C15;
+        k1 += 0xBB67AE8584CAA73B;
+    }
+}
+
+/* Two of a step's four words give a point, a number per half: its upper 24 bits, which float32 represents exactly. */
+static void draw(uint64_t key, uint64_t counter, Py_ssize_t n, float *u)
+{
+    for (Py_ssize_t step = 0; step < n / 2; step++) {
+        uint64_t word[4];
+        philox(key, counter + (uint64_t)step + 1, word);
+        for (int i = 0; i < 4; i++) {
+            float *to = u + 2 * (i % 2) * n + 2 * step + i / 2;
+            to[0] = (float)(int32_t)((uint32_t)word[i] >> 8) * 0x1p-24f;
+            to[n] = (float)(int32_t)(word[i] >> 40) * 0x1p-24f;
+        }
+    }
+}
+
+static PyObject *uniform(PyObject *module, PyObject *arguments)
+{
+    unsigned long long key, counter;
+    PyObject *u_object;
+    Buffers buffers = {.count = 0};
+    Py_ssize_t rows = 4, n = -1;
+
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "KKO:uniform", &key, &counter, &u_object))
+        return NULL;
+    float *u = TAKE(u, "float32", WRITE, &rows, &n);
+    if (u && n % 2)
+        u = (PyErr_Format(PyExc_ValueError, "u has %zd columns; an even number is needed", n), NULL);
+    if (u) {
+        Py_BEGIN_ALLOW_THREADS
+        draw(key, counter, n, u);
+        Py_END_ALLOW_THREADS
+    }
+    release(&buffers);
+    return u ? Py_NewRef(Py_None) : NULL;
+}
+
+/* Write each cell's units one after another, and where each cell's begin; return the units in all. */
+static int64_t pack_units(const uint8_t *crossing, Py_ssize_t cells, Py_ssize_t h, const float *units, int64_t *starts,
+                          float *packed, Py_ssize_t room)
+{
+    int64_t count = 0;
+    for (Py_ssize_t cell = 0; cell < cells; cell++) {
+        starts[cell] = count;
+        for (Py_ssize_t unit = 0; unit < h; unit++) {
+            if (count < room) /* overwritten next if the unit does not cross the cell */
+                memcpy(packed + ROW * count, units + ROW * unit, ROW * sizeof(float));
+            count += crossing[cell * h + unit] != 0;
+        }
+    }
+    starts[cells] = count;
+    return count;
+}
+
+static PyObject *pack(PyObject *module, PyObject *arguments)
+{
+    PyObject *crossing_object, *units_object, *starts_object, *packed_object;
+    Buffers buffers = {.count = 0};
+    Py_ssize_t cells = -1, h = -1, row = ROW, ends, room = -1;
+    const uint8_t *crossing;
+    const float *units;
+    int64_t *starts, count = -1;
+    float *packed;
+
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "OOOO:pack", &crossing_object, &units_object, &starts_object, &packed_object))
+        return NULL;
+    if ((crossing = TAKE(crossing, "bool", READ, &cells, &h)) && (ends = cells + 1) &&
+        (units = TAKE(units, "float32", READ, &h, &row)) && (starts = TAKE(starts, "int64", WRITE, &ends)) &&
+        (packed = TAKE(packed, "float32", WRITE, &room, &row))) {
+        Py_BEGIN_ALLOW_THREADS
+        count = pack_units(crossing, cells, h, units, starts, packed, room);
+        Py_END_ALLOW_THREADS
+        if (count != room)
+            PyErr_Format(PyExc_ValueError, "packed has %zd rows; %lld are needed", room, (long long)count);
+    }
+    release(&buffers);
+    return PyErr_Occurred() ? NULL : Py_NewRef(Py_None);
+}
+
+static Cell cell_of(const Fold *fold, int64_t index)
+{
+    const int64_t start = fold->starts[index];
+    return (Cell){fold->packed + ROW * start, fold->starts[index + 1] - start, fold->affine + 12 * index};
+}
+
+/* Sort the points by their cells, compute cell by cell, and bring the values back; false without memory. */
+static int map_points(const Set *set, const Fold *fold, const float *x, int64_t n, float *y)
+{
+    const int64_t cells = (int64_t)fold->grid * fold->grid * fold->grid + 1;
+    if (cells == 1) {
+        const Cell cell = cell_of(fold, 0);
+        set->fold_cell(&cell, (const float *const[]){x, x + n, x + 2 * n}, (float *const[]){y, y + n, y + 2 * n}, n);
+        return 1;
+    }
+    float *sorted = malloc((size_t)(3 * n + 1) * sizeof(float));
+    int32_t *place = malloc((size_t)(n + 1) * sizeof(int32_t)); /* cell of each point, then its place in `sorted` */
+    int64_t *ends = calloc((size_t)cells, sizeof(int64_t)), begin = 0;
+    const int enough = sorted && place && ends;
+    if (enough) {
+        set->find_cells(fold, x, n, place);
+        for (int64_t i = 0; i < n; i++)
+            ends[place[i]]++;
+        for (int64_t cell = 0; cell < cells; cell++) {
+            const int64_t count = ends[cell];
+            ends[cell] = begin;
+            begin += count;
+        }
+        for (int64_t i = 0; i < n; i++) {
+            const int64_t to = ends[place[i]]++;
+            place[i] = (int32_t)to;
+            sorted[to] = x[i];
+            sorted[n + to] = x[n + i];
+            sorted[2 * n + to] = x[2 * n + i];
+        }
+        begin = 0;
+        for (int64_t index = 0; index < cells; begin = ends[index++]) {
+            const Cell cell = cell_of(fold, index);
+            float *const points[3] = {sorted + begin, sorted + n + begin, sorted + 2 * n + begin};
+            set->fold_cell(&cell, (const float *const *)points, points, ends[index] - begin);
+        }
+        for (int axis = 0; axis < 3; axis++)
+            set->restore(place, sorted + axis * n, n, y + axis * n);
+    }
+    free(sorted);
+    free(place);
+    free(ends);
+    return enough;
+}
+
+/* Return whether each cell's units lie within the packed ones. */
+static int are_starts(const int64_t *starts, Py_ssize_t cells, Py_ssize_t units)
+{
+    for (Py_ssize_t cell = 0; cell < cells; cell++)
+        if (starts[cell] < 0 || starts[cell] > starts[cell + 1])
+            return 0;
+    return starts[cells] <= units;
+}
+
+static PyObject *map(PyObject *module, PyObject *arguments)
+{
+    PyObject *x_object, *origin_object, *per_unit_object, *starts_object, *packed_object, *affine_object, *y_object;
+    Buffers buffers = {.count = 0};
+    Py_ssize_t three = 3, four = 4, n = -1, row = ROW, units = -1, cells, ends;
+    int index = best_set(), enough = 1;
+    Fold fold = {.grid = 0};
+    const float *x;
+    float *y;
+
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "OOOiOOOO|i:map", &x_object, &origin_object, &per_unit_object, &fold.grid,
+                          &starts_object, &packed_object, &affine_object, &y_object, &index))
+        return NULL;
+    if (index < best_set() || index >= SETS)
+        return PyErr_Format(PyExc_ValueError, "there is no instruction set %d on this processor", index);
+    if (fold.grid < 0 || fold.grid > MOST_CELLS_A_SIDE)
+        return PyErr_Format(PyExc_ValueError, "grid is %d; 0 to %d is needed", (int)fold.grid, MOST_CELLS_A_SIDE);
+    cells = (Py_ssize_t)fold.grid * fold.grid * fold.grid + 1;
+    ends = cells + 1;
+    if ((x = TAKE(x, "float32", READ, &three, &n)) && (fold.origin = TAKE(origin, "float32", READ, &three)) &&
+        (fold.per_unit = TAKE(per_unit, "float32", READ, &three)) &&
+        (fold.starts = TAKE(starts, "int64", READ, &ends)) &&
+        (fold.packed = TAKE(packed, "float32", READ, &units, &row)) &&
+        (fold.affine = TAKE(affine, "float32", READ, &cells, &three, &four)) &&
+        (y = TAKE(y, "float32", WRITE, &three, &n))) {
+        if (n > INT32_MAX)
+            PyErr_Format(PyExc_ValueError, "x has %zd points; at most %d are allowed", n, INT32_MAX);
+        else if (!are_starts(fold.starts, cells, units))
+            PyErr_Format(PyExc_ValueError, "starts do not ascend from 0 to the %zd units", units);
+        else {
+            Py_BEGIN_ALLOW_THREADS
+            enough = map_points(&sets[index], &fold, x, n, y);
+            Py_END_ALLOW_THREADS
+        }
+    }
+    release(&buffers);
+    if (!enough)
+        return PyErr_NoMemory();
+    return PyErr_Occurred() ? NULL : Py_NewRef(Py_None);
+}
+
+static PyMethodDef methods[] = {
+    {"uniform", uniform, METH_VARARGS, NULL},
+    {"pack", pack, METH_VARARGS, NULL},
+    {"map", map, METH_VARARGS, NULL},
+    {NULL, NULL, 0, NULL},
+};
+
+/* SETS: the names of the processor's instruction sets by their index, best first. */
+static int add_sets(PyObject *module)
+{
+    PyObject *names = PyDict_New();
+    int failed = !names;
+    for (int i = best_set(); !failed && i < SETS; i++) {
+        PyObject *index = PyLong_FromLong(i);
+        failed = !index || PyDict_SetItemString(names, sets[i].name, index) < 0;
+        Py_XDECREF(index);
+    }
+    failed = failed || PyModule_AddObjectRef(module, "SETS", names) < 0;
+    Py_XDECREF(names);
+    return failed ? -1 : 0;
+}
+
+static PyModuleDef_Slot slots[] = {{Py_mod_exec, add_sets}, {0, NULL}};
+
+static PyModuleDef definition = {
+    PyModuleDef_HEAD_INIT, .m_name = "_kernel", .m_methods = methods, .m_slots = slots,
+};
+
+PyMODINIT_FUNC PyInit__kernel(void)
+{
+    return PyModuleDef_Init(&definition);
+}

@@ -1,0 +1,20 @@
+/* Functions with one hidden layer of ReLUs, cut into cells (service/mapping/folding.py). */
+
+#include <stdint.h>
+
+#define ROW 7     /* floats of a packed unit: its row of [W b], its column of V */
+#define BLOCK 64  /* units of one partial sum: long sums of float32 lose digits */
+
+/* A cell's function: V relu(W x + b) over the units that cross the cell, plus an affine map. */
+typedef struct {
+    const float *packed; /* (units, ROW) */
+    int64_t units;
+    const float *affine; /* (3, 4) */
+} Cell;
+
+typedef struct {
+    int32_t grid;                  /* cells per side; 0: one cell, everywhere */
+    const float *origin, *per_unit; /* (3,): the low corner of the box, cells per unit of length */
+    const int64_t *starts;         /* (grid ** 3 + 2,): first unit of each cell */
+    const float *packed, *affine;
+} Fold;

@@ -1,0 +1,197 @@
+"""The compiled kernel against NumPy, with every instruction set that the processor has."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from service.mapping import compiled
+from service.mapping.canonical import span
+from service.mapping.compiled import Kernel
+from service.mapping.folding import CompiledFold, Fold, NumpyFold
+from service.mapping.spec import Array, MappingSpec, initial_theta
+from tests.service.mapping.engines import built_kernel, instruction_sets, needs_kernel
+
+pytestmark = needs_kernel
+BOX = np.ones(3)
+EXACT = 2e-6  # of the largest value
+
+
+@pytest.fixture(params=[pytest.param(number, id=name) for name, number in instruction_sets().items()])
+def instructions(request: pytest.FixtureRequest) -> int:
+    number: int = request.param
+    return number
+
+
+class OneSet(CompiledFold):
+    """A fold, evaluated with one instruction set."""
+
+    def __init__(self, fold: Fold, instructions: int) -> None:
+        super().__init__(fold, built_kernel())
+        self.instructions = instructions
+
+    def map(self, x: Array) -> Array:
+        y = np.full(x.shape, np.nan, np.float32)
+        fold = self._fold
+        arrays = (fold.origin, fold.per_unit, fold.grid, self._starts, self._units, fold.affine, y)
+        self._kernel.map(x, *arrays, self.instructions)
+        return y
+
+
+def fold_of(width: int, grid: int, seed: int = 0) -> Fold:
+    spec = MappingSpec("one layer", 3, (width,), 3)
+    theta = initial_theta(spec, seed)
+    theta += np.random.default_rng(seed).normal(0, 0.05, theta.size).astype(np.float32)  # biases, too
+    return Fold(spec, theta, -BOX, BOX, grid)
+
+
+@pytest.mark.parametrize("width", [1, 7, 64, 65, 500])
+@pytest.mark.parametrize("grid", [0, 1, 6])
+@pytest.mark.parametrize("n", [1, 3, 16, 31, 97, 4_099])
+def test_map_gives_the_values_of_numpy(width: int, grid: int, n: int, instructions: int) -> None:
+    fold = fold_of(width, grid, seed=n)
+    x = np.random.default_rng(n).uniform(-1.5, 1.5, (3, n)).astype(np.float32)  # most cells of a few points are empty
+    expected = NumpyFold(fold).map(x.copy())
+    np.testing.assert_allclose(OneSet(fold, instructions).map(x), expected, rtol=0, atol=EXACT * np.abs(expected).max())
+
+
+def test_map_gives_a_point_the_same_bits_among_any_others(instructions: int) -> None:
+    evaluate = OneSet(fold_of(300, 4), instructions)
+    x = np.random.default_rng(0).uniform(-1.5, 1.5, (3, 1_000)).astype(np.float32)
+    whole = evaluate.map(x)
+    for begin, end in ((0, 1), (17, 18), (3, 50), (500, 1_000)):
+        part = evaluate.map(np.ascontiguousarray(x[:, begin:end]))
+        assert part.tobytes() == np.ascontiguousarray(whole[:, begin:end]).tobytes()
+
+
+@pytest.mark.parametrize("grid", [0, 4])
+@pytest.mark.parametrize("bad", [np.nan, -np.nan, np.inf, -np.inf])
+def test_map_keeps_nan_and_infinities(grid: int, bad: float, instructions: int) -> None:
+    fold = fold_of(40, grid)
+    x = np.random.default_rng(0).uniform(-1, 1, (3, 100)).astype(np.float32)
+    finite = OneSet(fold, instructions).map(x)
+    x[1, 33] = bad
+    values = OneSet(fold, instructions).map(x)
+    assert not np.isfinite(values[:, 33]).any()
+    others = np.arange(100) != 33
+    np.testing.assert_array_equal(values[:, others], finite[:, others])
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_map_with_weights_that_are_not_finite_keeps_them(bad: float, instructions: int) -> None:
+    spec = MappingSpec("one layer", 3, (40,), 3)
+    theta = initial_theta(spec)
+    theta[:3] = bad  # of one hidden unit
+    with np.errstate(invalid="ignore"):
+        values = OneSet(Fold(spec, theta, -BOX, BOX, 2), instructions).map(np.full((3, 5), 0.1, np.float32))
+    assert not np.isfinite(values).any()
+
+
+def test_map_of_no_points_gives_none(instructions: int) -> None:
+    assert OneSet(fold_of(5, 2), instructions).map(np.empty((3, 0), np.float32)).shape == (3, 0)
+
+
+@pytest.mark.parametrize(("seed", "low"), [(0, 0), (2**64 - 1, 2**62), (17, 2**63 - 4_096)])
+def test_uniform_gives_the_bits_of_numpys_philox(seed: int, low: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    built_kernel()
+    points = span("cube", seed, low, low + 4_096)
+    monkeypatch.setattr(compiled, "load", lambda: None)
+    assert span("cube", seed, low, low + 4_096).tobytes() == points.tobytes()
+
+
+def test_pack_writes_the_units_of_each_cell() -> None:
+    rng = np.random.default_rng(0)
+    crossing, units = rng.random((9, 20)) < 0.3, rng.random((20, 7), np.float32)
+    crossing[4] = False
+    starts, packed = np.empty(10, np.int64), np.empty((crossing.sum(), 7), np.float32)
+    built_kernel().pack(crossing, units, starts, packed)
+    np.testing.assert_array_equal(starts, [0, *crossing.sum(axis=1).cumsum()])
+    np.testing.assert_array_equal(packed, np.concatenate([units[cell] for cell in crossing]))
+
+
+def good() -> dict[str, Any]:
+    """Return arguments of `map`, in order."""
+    return {
+        "x": np.zeros((3, 4), np.float32),
+        "origin": np.zeros(3, np.float32),
+        "per_unit": np.ones(3, np.float32),
+        "grid": 1,
+        "starts": np.array([0, 2, 5], np.int64),
+        "packed": np.zeros((5, 7), np.float32),
+        "affine": np.zeros((2, 3, 4), np.float32),
+        "y": np.zeros((3, 4), np.float32),
+    }
+
+
+def read_only() -> Array:
+    array = np.zeros((3, 4), np.float32)
+    array.flags.writeable = False
+    return array
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"x": np.zeros((3, 4))}, "x has 2 dimensions of format 'd'; 2 of float32 are needed"),
+        ({"x": np.zeros(12, np.float32)}, "x has 1 dimensions"),
+        ({"x": np.zeros((4, 4), np.float32)}, "x has length 4 in dimension 0; 3 is needed"),
+        ({"x": np.zeros((4, 3), np.float32).T}, "x is not a C-contiguous array"),
+        ({"x": [1, 2, 3]}, "x is not a C-contiguous array"),
+        ({"x": b"123"}, "x has 1 dimensions of format 'B'"),
+        ({"x": np.zeros((3, 4), ">f4")}, "x has 2 dimensions of format '>f'"),
+        ({"y": np.zeros((3, 5), np.float32)}, "y has length 5 in dimension 1; 4 is needed"),
+        ({"y": read_only()}, "y is not a C-contiguous, writable array"),
+        ({"origin": np.zeros(2, np.float32)}, "origin has length 2"),
+        ({"grid": 2}, "starts has length 3 in dimension 0; 10 is needed"),
+        ({"grid": -1}, "grid is -1; 0 to 256 is needed"),
+        ({"grid": 2**30}, "grid is 1073741824"),
+        ({"starts": np.array([0, 2, 6])}, "starts do not ascend from 0 to the 5 units"),
+        ({"starts": np.array([0, 3, 2])}, "starts do not ascend"),
+        ({"starts": np.array([-1, 2, 5])}, "starts do not ascend"),
+        ({"starts": np.array([0, 2, 5], np.int32)}, "starts has 1 dimensions of format 'i'; 1 of int64 are needed"),
+        ({"packed": np.zeros((5, 8), np.float32)}, "packed has length 8 in dimension 1; 7 is needed"),
+        ({"affine": np.zeros((3, 3, 4), np.float32)}, "affine has length 3 in dimension 0; 2 is needed"),
+        ({"instructions": 3}, "there is no instruction set 3 on this processor"),
+        ({"instructions": -1}, "there is no instruction set -1 on this processor"),
+    ],
+)
+def test_map_of_wrong_arguments_raises_value_error(change: dict[str, Any], message: str) -> None:
+    kernel: Any = built_kernel()
+    kernel.map(*good().values())
+    with pytest.raises(ValueError, match=message.replace("(", r"\(")):
+        kernel.map(*(good() | change).values())
+
+
+@pytest.mark.parametrize(
+    ("function", "arguments", "message"),
+    [
+        ("uniform", (0, 0, np.zeros((4, 3), np.float32)), "u has 3 columns; an even number is needed"),
+        ("uniform", (0, 0, np.zeros((3, 4), np.float32)), "u has length 3 in dimension 0; 4 is needed"),
+        ("pack", ((2, 3), (3, 7), 3, (5, 7)), "packed has 5 rows; 6 are needed"),
+        ("pack", ((2, 3), (3, 7), 3, (7, 7)), "packed has 7 rows; 6 are needed"),
+        ("pack", ((2, 3), (4, 7), 3, (6, 7)), "units has length 4"),
+        ("pack", ((2, 3), (3, 7), 2, (6, 7)), "starts has length 2"),
+    ],
+)
+def test_wrong_arguments_raise_value_error(function: str, arguments: tuple[Any, ...], message: str) -> None:
+    if function == "pack":
+        crossing, units, starts, packed = arguments
+        floats = np.zeros(units, np.float32), np.zeros(packed, np.float32)
+        arguments = np.ones(crossing, np.bool_), floats[0], np.zeros(starts, np.int64), floats[1]
+    with pytest.raises(ValueError, match=message):
+        getattr(built_kernel(), function)(*arguments)
+
+
+def test_wrong_number_of_arguments_raises_type_error() -> None:
+    kernel: Any = built_kernel()
+    for function in (kernel.map, kernel.pack, kernel.uniform):
+        with pytest.raises(TypeError):
+            function()
+
+
+def test_best_instruction_set_is_the_default() -> None:
+    kernel: Kernel = built_kernel()
+    fold = fold_of(100, 3)
+    x = np.random.default_rng(0).uniform(-1, 1, (3, 50)).astype(np.float32)
+    best = OneSet(fold, min(kernel.SETS.values())).map(x)
+    assert CompiledFold(fold, kernel).map(x).tobytes() == best.tobytes()
