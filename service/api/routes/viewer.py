@@ -5,6 +5,7 @@ service/viewer/static/bundle when the package is built.
 """
 
 import base64
+import gzip
 import hashlib
 import mimetypes
 import re
@@ -14,9 +15,9 @@ from typing import Final
 
 from starlette.datastructures import Headers
 from starlette.requests import Request
-from starlette.responses import Response
+from starlette.responses import FileResponse, Response
 from starlette.routing import BaseRoute, Mount, Route
-from starlette.staticfiles import StaticFiles
+from starlette.staticfiles import NotModifiedResponse, StaticFiles
 from starlette.types import Scope
 
 from service.api.wire.caching import accepts_gzip
@@ -25,6 +26,7 @@ from service.errors import NotFound
 STATIC: Final = Path(__file__).resolve().parents[2] / "viewer" / "static"
 BUNDLE: Final = STATIC / "bundle"
 EMBED: Final = "embed.html"
+TEXTS: Final = (".html", ".css", ".js", ".svg")  # compressed at first use, unless the package was built with a .gz
 UNFRAMED: Final = "frame-ancestors 'none'"
 NOT_BUILT: Final = (
     "this page was left out when the service was installed, because npm was missing: install Node.js, then install the "
@@ -49,7 +51,8 @@ def content_security_policy(page: str) -> str:
 class Pages(StaticFiles):
     """Static files that browsers cache but revalidate each time (ETag, 304); pages load nothing from other origins.
 
-    The bundle's large texts were compressed when the package was built (setup.py); nothing is compressed per request.
+    Texts are sent compressed. The bundle's were compressed when the package was built (setup.py), the page's own are
+    once for each process.
     """
 
     async def get_response(self, path: str, scope: Scope) -> Response:
@@ -60,19 +63,43 @@ class Pages(StaticFiles):
             response.headers["Content-Type"] = "image/webp"
         if path.endswith(".html"):
             response.headers["Content-Security-Policy"] = content_security_policy((STATIC / path).read_text("utf-8"))
-        if f"{path}.gz" in _compressed_files():
+        if path.endswith(TEXTS):
             response.headers["Vary"] = "Accept-Encoding"
         return response
 
     async def _compressed(self, path: str, scope: Scope) -> Response | None:
-        """Return the answer with the compressed file, if there is one and the browser accepts gzip."""
-        if f"{path}.gz" not in _compressed_files() or not accepts_gzip(Headers(scope=scope).get("accept-encoding")):
+        """Return the answer with the compressed text, if the file is one and the browser accepts gzip."""
+        if not path.endswith(TEXTS) or not accepts_gzip(Headers(scope=scope).get("accept-encoding")):
             return None
-        response = await super().get_response(f"{path}.gz", scope)
+        if f"{path}.gz" in _compressed_files():
+            response = await super().get_response(f"{path}.gz", scope)
+        else:
+            response = self._compressed_now(await super().get_response(path, scope), scope)
         if response.status_code == 200:
             response.headers["Content-Encoding"] = "gzip"
-            response.headers["Content-Type"] = f"{mimetypes.guess_type(path)[0]}; charset=utf-8"
+            response.headers["Content-Type"] = _media_type(path)
         return response
+
+    def _compressed_now(self, plain: Response, scope: Scope) -> Response:
+        """Return the answer with the text of a plain answer, compressed; what is no file stays as it is."""
+        if not isinstance(plain, FileResponse):
+            return plain
+        content, tag = _gzip(Path(plain.path), plain.headers["last-modified"])
+        response = Response(content, headers={"ETag": tag})
+        fresh = self.is_not_modified(response.headers, Headers(scope=scope))
+        return NotModifiedResponse(response.headers) if fresh else response
+
+
+@lru_cache(256)
+def _gzip(path: Path, modified: str) -> tuple[bytes, str]:
+    """Compress a file: its bytes, and an ETag that tells them from those of the file itself."""
+    content = gzip.compress(path.read_bytes(), mtime=0)
+    return content, f'"{hashlib.sha256(content).hexdigest()[:32]}"'
+
+
+def _media_type(path: str) -> str:
+    media_type = mimetypes.guess_type(path)[0]
+    return f"{media_type}; charset=utf-8" if path.endswith((".css", ".js", ".html")) else str(media_type)
 
 
 @lru_cache(1)

@@ -59,6 +59,7 @@ function page(html) {
     "img-src 'self' blob: data:; connect-src 'self'; base-uri 'none'; form-action 'none'";
   return html
     .replace(map, local)
+    .replace('href="viewer/js/api.js"', 'href="viewer/local/api.js"')
     .replace("<head>", `<head>\n    <meta http-equiv="Content-Security-Policy" content="${policy}">`)
     .replace("</head>", `  <link rel="stylesheet" href="viewer/local/local.css">\n  </head>`);
 }

@@ -40,7 +40,7 @@ def test_page_is_cacheable_and_loads_nothing_from_elsewhere(client: httpx.Client
     assert re.fullmatch(r"'self' 'sha256-[\w+/]{43}='", policy["script-src"])
     assert "unsafe" not in answer.headers["content-security-policy"]
     assert client.get("/", headers={"If-None-Match": answer.headers["etag"]}).status_code == 304
-    assert client.head("/").headers["content-length"] == str(len(answer.content))
+    assert client.head("/").headers["content-length"] == answer.headers["content-length"]
 
 
 @pytest.mark.parametrize(
@@ -59,6 +59,43 @@ def test_static_file_has_its_media_type_and_an_etag(client: httpx.Client, name: 
     assert answer.headers["cache-control"] == "no-cache"
     assert answer.content == (viewer.STATIC / name).read_bytes()
     assert client.get(f"/viewer/{name}", headers={"If-None-Match": answer.headers["etag"]}).status_code == 304
+
+
+@pytest.mark.parametrize("path", ["/", "/embed", "/viewer/js/main.js", "/viewer/css/style.css", "/viewer/icon.svg"])
+def test_text_of_the_page_is_sent_compressed_with_an_etag_of_its_own(client: httpx.Client, path: str) -> None:
+    plain, packed = (client.get(path, headers={"Accept-Encoding": coding}) for coding in ("identity", "gzip"))
+    assert "content-encoding" not in plain.headers
+    assert packed.headers["content-encoding"] == "gzip"
+    assert packed.content == plain.content
+    assert int(packed.headers["content-length"]) < len(plain.content)
+    assert packed.headers["etag"] != plain.headers["etag"]
+    for coding, answer in (("identity", plain), ("gzip", packed)):
+        assert "Accept-Encoding" in answer.headers["vary"]
+        for name in ("content-type", "cache-control"):
+            assert answer.headers[name] == plain.headers[name]
+        assert answer.headers.get("content-security-policy") == plain.headers.get("content-security-policy")
+        headers = {"Accept-Encoding": coding, "If-None-Match": answer.headers["etag"]}
+        again = client.get(path, headers=headers)
+        assert (again.status_code, again.headers["etag"]) == (304, answer.headers["etag"])
+
+
+def test_page_preloads_the_modules_that_it_starts_with_and_no_others() -> None:
+    """A module that is missing costs a round trip; three.js comes later, with the first object."""
+    preloaded = re.findall(r'rel="modulepreload" href="viewer/([^"]+)"', INDEX)
+    assert preloaded == sorted(_imported("js/main.js") - {"js/main.js"})
+    assert "js/stage/parts.js" not in preloaded
+
+
+def _imported(name: str) -> set[str]:
+    """Return a module and all that it imports, its imports too, relative to STATIC."""
+    names, waiting = set(), {viewer.STATIC / name}
+    while waiting:
+        path = waiting.pop()
+        names.add(path.relative_to(viewer.STATIC).as_posix())
+        imports = re.findall(r'^(?:import|export)\b[^;]*?from "(\.[^"]+)";', path.read_text("utf-8"), re.MULTILINE)
+        each = {(path.parent / address).resolve() for address in imports}
+        waiting |= {path for path in each if path.relative_to(viewer.STATIC).as_posix() not in names}
+    return names
 
 
 @pytest.mark.parametrize("name", ["three/three.core.min.js", "swagger-ui/swagger-ui.css"])

@@ -93,7 +93,7 @@ export function addressedId() {
 /** Whether pages of other sites may show an object of this service in a frame. */
 export async function isEmbeddable() {
   const policy = (await call("embed", { method: "HEAD" })).headers.get("Content-Security-Policy");
-  return !policy.includes("frame-ancestors 'none'");
+  return policy !== null && !policy.includes("frame-ancestors 'none'"); // a proxy that drops the policy tells nothing
 }
 
 /** Fetch one object by its id. */

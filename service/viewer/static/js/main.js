@@ -11,23 +11,23 @@ import { clearView, focusStage, showObject, showWords, startView, stopWorking } 
 
 const galleryLine = document.querySelector('.curl[data-of="gallery"]');
 
-/** Show an object and put its id into the page's address. */
+/** Show an object and put its id into the page's address. Resolves when the object is drawn. */
 function show(object) {
   const hash = `#/objects/${object.id}`;
   if (location.hash !== hash) history.pushState(null, "", hash);
-  present(object);
+  return present(object);
 }
 
-/** Show an object with its name, and mark its card. */
+/** Show an object with its name, and mark its card. Resolves when the object is drawn. */
 function present(object) {
-  showObject(object);
   showName(object);
   markCards({ [object.id]: "" });
+  return showObject(object);
 }
 
 function open(object) {
   hidePhoto();
-  show(object);
+  attempt(() => show(object));
   focusStage();
 }
 
@@ -42,8 +42,9 @@ function composeTwo(first, second) {
     hidePhoto();
     hideName();
     markCards(letters);
-    showWords({ objects, labels, way: objects.filter((_, index) => labels[index] !== "BA"), about });
+    const drawn = showWords({ objects, labels, way: objects.filter((_, index) => labels[index] !== "BA"), about });
     focusStage();
+    await drawn;
   });
 }
 
@@ -71,7 +72,7 @@ async function showAddressed() {
   const id = addressedId();
   if (id) {
     hidePhoto();
-    show(await fetchObject(id));
+    await show(await fetchObject(id));
   }
   return id !== undefined;
 }
@@ -79,7 +80,7 @@ async function showAddressed() {
 async function begin() {
   const [isAddressed, newest] = await Promise.all([showAddressed(), reloadGallery()]);
   if (isAddressed || !newest) return;
-  present(newest);
+  await present(newest);
 }
 
 translatePage();
@@ -93,7 +94,7 @@ startPhotos({
     hideName();
   },
   done: async (object) => {
-    show(object);
+    await show(object); // first: the gallery's pictures take the service's time
     await reloadGallery();
   },
   fail: stopWorking,

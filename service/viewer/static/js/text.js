@@ -21,7 +21,7 @@ export function translateTexts() {
   document.documentElement.lang = language;
   for (const element of document.querySelectorAll("[data-text]")) {
     if (element.tagName === "OPTGROUP") element.label = text(element.dataset.text);
-    else element.textContent = text(element.dataset.text);
+    else if (element.textContent !== text(element.dataset.text)) element.textContent = text(element.dataset.text);
   }
   for (const element of document.querySelectorAll("[data-label]")) element.ariaLabel = text(element.dataset.label);
   for (const element of document.querySelectorAll("[data-placeholder]")) {

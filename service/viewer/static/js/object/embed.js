@@ -2,29 +2,25 @@
 import { isEmbeddable } from "../api.js";
 import { showCode } from "../curl.js";
 import { authorization } from "../key.js";
-import { attempt } from "../problem.js";
 import { text } from "../text.js";
 
 const button = document.getElementById("embed");
 const line = document.querySelector('.curl[data-of="embed"]');
 
-let isAllowed = false; // by the service
+let allowed; // a promise, once an object is shown: whether the service lets other sites show its objects
 let shown; // the object, if one is shown alone
 
-/** Set up the button, if the service lets other sites show its objects. */
+/** Set up the button. */
 export function startEmbedding() {
   button.addEventListener("click", () => open(button.getAttribute("aria-expanded") === "false"));
-  attempt(async () => {
-    isAllowed = await isEmbeddable();
-    if (shown) showEmbedding(shown);
-  });
 }
 
-/** Offer the line for an object. A frame in another site has no key: with one, nothing is offered. */
+/** Offer the line for an object, if other sites may show it. A frame there has no key: with one, nothing is offered. */
 export function showEmbedding(object) {
   if (object.id !== shown?.id) open(false);
   shown = object;
-  button.hidden = !isAllowed || "Authorization" in authorization();
+  allowed ??= isEmbeddable().catch(() => false); // a service that cannot be asked shows its own error elsewhere
+  allowed.then((isAllowed) => (button.hidden = !shown || !isAllowed || "Authorization" in authorization()));
 }
 
 export function hideEmbedding() {

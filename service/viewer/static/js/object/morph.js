@@ -2,8 +2,6 @@
 // computes each step of the slider from the two thetas.
 import { isComputable } from "../function/card.js";
 import { attempt } from "../problem.js";
-import { Cloud } from "../stage/cloud.js";
-import { ComputedPoints } from "../stage/function.js";
 import { text } from "../text.js";
 import { fetchFunctions } from "./weights.js";
 
@@ -13,11 +11,11 @@ const panel = document.getElementById("morph");
 const slider = document.getElementById("between");
 const back = document.getElementById("sides");
 
-let view; // {stage, show(cloud, n), back()}
+let view; // {stage, parts, show(cloud, n), back()}
 let way = []; // objects from A to B, k + 1 of them
 let cloud; // of the way, once the slider was moved
 
-/** Set up the slider. `handlers`: `stage`, `show(cloud, n)` shows a cloud alone, `back()` shows all words again. */
+/** Set up the slider. `handlers`: `stage`, `parts` (stage/parts.js), `show(cloud, n)` shows a cloud alone, `back()` shows all words again. */
 export function startMorph(handlers) {
   view = handlers;
   slider.addEventListener("input", () => attempt(move));
@@ -69,8 +67,8 @@ async function makeCloud() {
   if (cloud) return cloud; // the slider moved again
   const functions = joined(a, b);
   const form = formAt(words, slider.valueAsNumber, functions);
-  const made = new Cloud({ ...first, color: first.color ?? last.color }, view.stage.materials);
-  made.setComputed(new ComputedPoints(view.stage.renderer, functions, form));
+  const made = new view.parts.Cloud({ ...first, color: first.color ?? last.color }, view.stage.materials);
+  made.setComputed(new view.parts.ComputedPoints(view.stage.renderer, functions, form));
   view.show(made, POINTS);
   back.hidden = false;
   return made;

@@ -1,13 +1,12 @@
 // For robots: a path around the object, between two places that are dragged or typed, and the camera of the photo.
 import { filePath, planPath } from "../api.js";
 import { showCurl } from "../curl.js";
+import { ARROWS } from "../keys.js";
 import { attempt } from "../problem.js";
-import { disposeLine, lineThrough, movedOnScreen, placeOf } from "../stage/way.js";
 import { number, text } from "../text.js";
 
 const STEP = 12; // pixels per key press
 const FARTHEST = 1; // from the object's center along each axis: the service plans no farther
-const KEYS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 const REASONS = { "start inside": "noWayStart", "goal inside": "noWayGoal", enclosed: "noWayEnclosed" };
 
 const panel = document.getElementById("robot");
@@ -22,13 +21,15 @@ const ends = ["start", "goal"].map((name) => ({
 }));
 
 let stage; // undefined if the browser has no WebGL
+let way; // stage/way.js
 let cloud; // of the object that is shown alone
 let drawn; // the line on the stage
 let planning = new AbortController();
 
-/** Set up the panel. */
-export function startRobot(theStage) {
+/** Set up the panel; `drawing` is stage/way.js, which needs three.js. */
+export function startRobot(theStage, drawing) {
   stage = theStage;
+  way = drawing;
   panel.addEventListener("toggle", refresh);
   panel.addEventListener("change", refresh);
   document.getElementById("camera-look").addEventListener("click", () => stage?.lookFrom(cloud.object.camera));
@@ -90,7 +91,7 @@ async function plan() {
   removeLine();
   answer.textContent = told(found);
   if (found.path && stage) {
-    drawn = lineThrough(found.path);
+    drawn = way.lineThrough(found.path);
     cloud.scene.add(drawn);
     stage.redraw();
   }
@@ -103,7 +104,7 @@ function told({ path, length, straight, reason }) {
 
 function removeLine() {
   answer.textContent = "";
-  if (drawn) disposeLine(drawn);
+  if (drawn) way.disposeLine(drawn);
   drawn = undefined;
   stage?.redraw();
 }
@@ -116,7 +117,7 @@ function showHandles(isOn) {
 function placeHandles() {
   for (const { handle, fields } of ends) {
     if (handle.hidden) continue;
-    const [x, y] = placeOf(stage, fields.map((field) => field.valueAsNumber || 0));
+    const [x, y] = way.placeOf(stage, fields.map((field) => field.valueAsNumber || 0));
     handle.style.transform = `translate(${x}px, ${y}px) translate(-50%, -50%)`;
   }
 }
@@ -139,7 +140,7 @@ function listen(end) {
     refresh();
   });
   handle.addEventListener("keydown", (event) => {
-    const direction = KEYS[event.key];
+    const direction = ARROWS[event.key];
     if (!direction) return;
     event.preventDefault();
     stage.turntable.stop();
@@ -150,7 +151,7 @@ function listen(end) {
 
 function move({ fields }, right, down) {
   const from = fields.map((field) => field.valueAsNumber || 0);
-  movedOnScreen(stage, from, right, down).forEach((value, axis) => {
+  way.movedOnScreen(stage, from, right, down).forEach((value, axis) => {
     fields[axis].value = Math.min(FARTHEST, Math.max(-FARTHEST, value)).toFixed(3);
   });
   placeHandles();

@@ -4,15 +4,15 @@ import { copyText } from "../curl.js";
 import { isComputable } from "../function/card.js";
 import { formOf } from "../function/weights.js";
 import { attempt } from "../problem.js";
-import { Cloud } from "../stage/cloud.js";
-import { ComputedPoints } from "../stage/function.js";
-import { Stage } from "../stage/stage.js";
-import { fetchSurface } from "../stage/surface.js";
-import { language, number, text } from "../text.js";
+import { isDark } from "../stage/colors.js";
+import { fetchParts, isOpening, openStage, quiet } from "../stage/open.js";
+import { number, text } from "../text.js";
+import { describe, summarize } from "./about.js";
 import { hideDownloads, preferFormat, showDownloads, startDownloads } from "./download.js";
 import { hideFunction, showFunction } from "./function.js";
 import { hideMorph, offerMorph, startMorph } from "./morph.js";
 import { hideRobot, showRobot, startRobot } from "./robot.js";
+import { startTools } from "./tools.js";
 import { fetchFunctions } from "./weights.js";
 
 const element = (id) => document.getElementById(id);
@@ -22,9 +22,11 @@ const progress = document.querySelector("#view progress");
 
 const [FETCHED, COMPUTED] = [6, 7]; // decimal logarithms of the most points on the stage, all clouds together
 const STILL = 512; // pixels of a picture that is shown instead of the stage
-const [CLOSE, ROUGH] = [0.6, 0.4]; // expected F-scores at 2% of the longest side
+const canvas = document.querySelector("#stage canvas");
 
-let stage; // undefined if the browser has no WebGL
+let parts; // of the stage, once it is open: see stage/parts.js
+let stage; // undefined until then, and if the browser has no WebGL
+let wanted; // the objects that are shown, or are about to be
 let clouds = [];
 let filling = new AbortController();
 let openAlone; // shows one object of several
@@ -33,48 +35,46 @@ let shownMix; // of `showWords`
 /** Set up the view; `open(object)` is called when one of several objects is chosen. */
 export function startView(open) {
   openAlone = open;
-  try {
-    stage = new Stage(document.querySelector("#stage canvas"));
-  } catch {
-    empty.textContent = text("noWebgl");
-  }
   startDownloads(chosen);
-  startRobot(stage);
-  startMorph({ stage, show: showMorph, back: () => showWords(shownMix) });
   listen();
   showControls();
   showNumbers();
+  fetchParts();
 }
 
-/** Show one object. */
-export function showObject(object) {
+/** Show one object. Resolves when it is drawn. */
+export async function showObject(object) {
   element("summary").textContent = summarize(object);
   element("about").textContent = describe(object);
   words.hidden = true;
-  show([object]);
   link.hidden = false;
+  if (await present([object])) await fill();
 }
 
 /**
  * Show words side by side, each with a label; a click on the label opens that word alone.
- * `mix`: {objects, labels, way, about}; `way` are the objects from A to B, for a slider between them.
+ * `mix`: {objects, labels, way, about}; `way` are the objects from A to B, for a slider between them. Resolves when they
+ * are drawn.
  */
-export function showWords(mix) {
+export async function showWords(mix) {
   const { objects, labels, way, about } = mix;
   element("summary").textContent = text("mixes");
   element("about").textContent = about;
   words.replaceChildren(...objects.map((object, index) => label(object, labels[index])));
   words.hidden = false;
-  show(objects);
+  link.hidden = true;
+  if (!(await present(objects))) return;
   shownMix = mix;
   if (stage) offerMorph(way);
   words.style.setProperty("--columns", stage?.grid.columns ?? 2);
-  link.hidden = true;
+  await fill();
 }
 
-/** Take away what is shown, while a photo is being encoded. */
+/** Take away what is shown, while a photo is being encoded; meanwhile the stage opens. */
 export function clearView() {
+  wanted = undefined;
   filling.abort();
+  attempt(openView);
   for (const each of ["summary", "about", "count"]) element(each).textContent = "";
   words.hidden = link.hidden = stills.hidden = empty.hidden = true;
   working.hidden = false;
@@ -95,24 +95,7 @@ export function stopWorking() {
 
 /** Scroll to the stage and let the keys turn it. */
 export function focusStage() {
-  document.querySelector("#stage canvas").focus();
-}
-
-/** A sentence for everyone: how large, how small, how likely. */
-function summarize({ dimensions, bytes, shape_confidence: fit }) {
-  const [width, height, depth] = (dimensions ?? []).map((side) => number(Number(side.toFixed(2))));
-  const size = dimensions ? text("size", { width, height, depth, kilobytes: number(Math.round(bytes / 1024)) }) : "";
-  if (fit === undefined) return size;
-  return `${text(fit >= CLOSE ? "fitClose" : fit >= ROUGH ? "fitRough" : "fitGuess")} ${size}`;
-}
-
-function describe({ kind, model, spec, bytes, dimensions, shape_confidence: fit, created_at: created }) {
-  const numbers = number(bytes / 4);
-  const when = new Date(created).toLocaleString(language, { dateStyle: "medium", timeStyle: "short" });
-  const sides = dimensions?.map((side) => side.toFixed(2)).join(" × "); // lists lack those of older objects
-  const size = sides ? `, ${sides} (width, height, depth)` : "";
-  const likely = fit === undefined ? "" : `; expected fit of the shape: ${Math.round(100 * fit)}%`;
-  return `${numbers} numbers (${spec.name}, k = ${spec.k}, of ${model}), ${kind} ${when}${size}${likely}`;
+  canvas.focus();
 }
 
 function label(object, name) {
@@ -137,28 +120,49 @@ function showMorph(cloud, n) {
   element("count").textContent = text("nPoints", { n: number(n) });
 }
 
-function show(objects) {
+/** Open the stage, once. */
+async function openView() {
+  const opened = await openStage(canvas);
+  if (parts) return;
+  ({ parts, stage } = opened);
+  if (!stage) empty.textContent = text("noWebgl");
+  startRobot(stage, parts.way);
+  startMorph({ stage, parts, show: showMorph, back: () => attempt(() => showWords(shownMix)) });
+}
+
+/** Put objects on the stage, without points or surfaces. Returns whether no others are wanted meanwhile. */
+async function present(objects) {
+  wanted = objects;
   working.hidden = true;
   hideMorph();
+  if (!isOpening()) await presentStills(objects);
+  await openView();
+  if (wanted !== objects) return false;
   surface.disabled = live.disabled = false;
   empty.hidden = Boolean(stage);
   live.parentElement.hidden = !stage || !objects.every(isComputable);
   live.checked &&= !live.parentElement.hidden;
   color.parentElement.hidden = !objects.some((object) => object.color);
-  clouds = objects.map((object) => new Cloud(object, stage?.materials));
+  clouds = objects.map((object) => new parts.Cloud(object, stage?.materials));
   if (clouds.length > 1) hideDownloads();
   stage?.set(clouds);
-  if (!stage) attempt(() => showStills(objects));
+  if (!stage) await showStills(objects);
   if (clouds.length === 1) showRobot(clouds[0]);
   else hideRobot();
   showControls();
-  fill();
+  return true;
 }
 
-/** Show pictures of objects, for browsers without WebGL. */
+/** Show pictures until the page has come to rest and the stage can open. They are white, so dark pages wait. */
+async function presentStills(objects) {
+  if (!isDark()) await attempt(() => showStills(objects));
+  await quiet();
+}
+
+/** Show pictures of objects: before the stage is open, and in browsers without WebGL. */
 async function showStills(objects) {
   const addresses = await Promise.all(objects.map((object) => fetchPicture(object, STILL)));
-  if (clouds.some((cloud, index) => cloud.object !== objects[index])) return;
+  if (wanted !== objects) return;
   stills.replaceChildren(...addresses.map((src) => Object.assign(new Image(), { src, alt: "" })));
   stills.hidden = false;
   empty.hidden = true;
@@ -176,15 +180,15 @@ function chosen() {
   return { object: clouds[0].object, points, inColor: color.checked };
 }
 
-/** Fetch the points or surfaces that are missing. */
-function fill() {
+/** Fetch the points or surfaces that are missing. Resolves when they are there, or no longer wanted. */
+async function fill() {
   filling.abort();
   filling = new AbortController();
   showNumbers();
   if (!stage) return;
   const { signal } = filling;
   const task = surface.checked ? fillSurface : live.checked ? fillComputed : fillPoints;
-  attempt(() => Promise.all(clouds.map((cloud) => task(cloud, signal))));
+  await attempt(() => Promise.all(clouds.map((cloud) => task(cloud, signal))));
 }
 
 async function fillPoints(cloud, signal) {
@@ -206,7 +210,7 @@ async function fillComputed(cloud, signal) {
     const functions = await fetchFunctions(cloud.object);
     if (signal.aborted) return;
     const form = formOf(functions, cloud.object.frame);
-    cloud.setComputed(new ComputedPoints(stage.renderer, functions, form, seed.value));
+    cloud.setComputed(new parts.ComputedPoints(stage.renderer, functions, form, seed.value));
   }
   cloud.setSurface();
   const n = pointsPerCloud();
@@ -218,7 +222,7 @@ async function fillComputed(cloud, signal) {
 }
 
 async function fillSurface(cloud, signal) {
-  const mesh = await fetchSurface(cloud.object, signal);
+  const mesh = await parts.fetchSurface(cloud.object, signal);
   if (signal.aborted) return;
   cloud.setSurface(mesh);
   stage.redraw();
@@ -235,6 +239,7 @@ function showNumbers() {
 }
 
 function showArrived() {
+  if (stage && clouds.some((cloud) => cloud.surface || cloud.count)) stills.hidden = true;
   if (surface.checked) {
     showTriangles();
     return;
@@ -287,13 +292,6 @@ function listen() {
       fill();
     });
   }
-  element("reset").addEventListener("click", () => stage?.reset());
-  element("fullscreen").hidden = !document.fullscreenEnabled;
-  element("fullscreen").addEventListener("click", toggleFullscreen);
+  startTools(() => stage?.reset());
   link.addEventListener("click", () => copyText(location.href, link));
-}
-
-function toggleFullscreen() {
-  if (document.fullscreenElement) document.exitFullscreen();
-  else element("stage").requestFullscreen();
 }

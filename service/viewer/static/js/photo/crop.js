@@ -1,10 +1,10 @@
 // A part of the photo, chosen by the visitor: drawn or dragged with a pointer, or moved corner by corner with the keys.
+import { ARROWS } from "../keys.js";
 import { number, text } from "../text.js";
 
 const LEAST = 0.04; // smallest side of the part, as a share of the photo's
 const STEP = 0.01; // share of the photo's side per key press; ten times as much with Shift
 const MAX_SIDE = 2048; // pixels of what is sent; the encoder looks at far fewer
-const KEYS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 const WHOLE = { left: 0, top: 0, right: 1, bottom: 1 };
 
 /** The rectangle over a photo. Its sides are shares of the photo's. */
@@ -83,7 +83,7 @@ export class Crop {
   }
 
   #key(event, corner) {
-    const direction = KEYS[event.key];
+    const direction = ARROWS[event.key];
     if (!direction) return;
     event.preventDefault();
     const step = event.shiftKey ? 10 * STEP : STEP;

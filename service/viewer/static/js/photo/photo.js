@@ -168,8 +168,9 @@ function addressOf(photo) {
 }
 
 async function example(button) {
-  const content = await (await fetch(button.querySelector("img").src)).blob();
-  return new File([content], button.dataset.photo, { type: content.type });
+  const name = button.dataset.photo;
+  const content = await (await fetch(new URL(`../../photos/${name}`, import.meta.url))).blob();
+  return new File([content], name, { type: content.type });
 }
 
 function acceptDrops() {

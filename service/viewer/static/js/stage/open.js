@@ -1,0 +1,60 @@
+// The stage, opened for the first object: until then the page works without three.js and without WebGL.
+
+const MOST_PATIENCE_MS = 2000; // for a quiet moment
+
+let parts; // a promise, once they are wanted
+let opening;
+
+/** Fetch the modules of the stage once the page is there, for when an object is to be drawn. */
+export async function fetchParts() {
+  if (document.readyState !== "complete") await new Promise((done) => addEventListener("load", done, { once: true }));
+  await quiet();
+  await load().catch(() => {}); // whoever needs them tries again, and tells
+}
+
+/** Open the stage on a canvas: {parts, stage}; without WebGL there is no `stage`. */
+export function openStage(canvas) {
+  opening ??= open(canvas).catch((error) => {
+    opening = undefined;
+    throw error;
+  });
+  return opening;
+}
+
+/** Return whether the stage is open, or being opened. */
+export function isOpening() {
+  return opening !== undefined;
+}
+
+/** Wait until the browser has nothing urgent to do. Safari cannot tell. */
+export function quiet() {
+  return new Promise((done) => {
+    if (globalThis.requestIdleCallback) requestIdleCallback(done, { timeout: MOST_PATIENCE_MS });
+    else setTimeout(done, 1);
+  });
+}
+
+function load() {
+  parts ??= import("./parts.js").catch((error) => {
+    parts = undefined;
+    throw error;
+  });
+  return parts;
+}
+
+async function open(canvas) {
+  const loaded = await load();
+  await painted(); // opening takes a while: what the visitor just did shows first
+  try {
+    return { parts: loaded, stage: new loaded.Stage(canvas) };
+  } catch {
+    return { parts: loaded };
+  }
+}
+
+function painted() {
+  return new Promise((done) => {
+    requestAnimationFrame(() => setTimeout(done));
+    setTimeout(done, 100); // hidden pages have no frames
+  });
+}
