@@ -5,8 +5,9 @@ const MOST_PATIENCE_MS = 2000; // for a quiet moment
 let parts; // a promise, once they are wanted
 let opening;
 
-/** Fetch the modules of the stage once the page is there, for when an object is to be drawn. */
+/** Fetch the modules of the stage once the page is seen and rests, for when an object is to be drawn. */
 export async function fetchParts() {
+  await new Promise((done) => new PerformanceObserver(done).observe({ type: "paint", buffered: true }));
   if (document.readyState !== "complete") await new Promise((done) => addEventListener("load", done, { once: true }));
   await quiet();
   await load().catch(() => {}); // whoever needs them tries again, and tells
