@@ -1,15 +1,17 @@
 """Batching: images that wait at the same time share one call of the encoder.
 
-No image waits for others to arrive: a call takes all images that wait when a worker thread begins it, and images that
-arrive meanwhile go into the next call. There is no loop that could die: adding an image starts a call unless one is
-on its way, and a call that ends starts the next.
+No image waits for photos to arrive. But photos that have arrived already, and are being framed or looked up, go first:
+then one call takes all of them. Images that arrive during a call go into the next one. There is no loop that could die:
+adding an image starts a call unless one is on its way, and a call that ends starts the next.
 """
 
 import asyncio
 import time
 from collections import deque
-from collections.abc import Awaitable, Callable, Iterable
-from typing import Final
+from collections.abc import Awaitable, Callable, Iterable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from typing import Any, Final, NamedTuple, TypeVar, cast
 
 import numpy as np
 
@@ -17,10 +19,21 @@ from service.encoding.encoder import Encoded
 from service.mapping.spec import Array
 
 MAX_BATCH: Final = 8  # images in one call; benchmarks/LOAD.md has the gain by size
+MAX_TURNS: Final = MAX_BATCH  # on a worker thread that a call gives up for photos that have arrived
 
-Waiting = tuple[Array, "asyncio.Future[Encoded]"]  # an image and the future for its functions
-Outcome = Encoded | Exception
-Run = Callable[[Callable[[], list[Outcome]]], Awaitable[list[Outcome]]]
+R = TypeVar("R")
+Outcomes = list[Any]  # of each image in a call: what its `then` returned, or an exception
+
+
+class Waiting(NamedTuple):
+    """An image, what to do with its functions on the worker thread, and the future for the result."""
+
+    image: Array
+    then: Callable[[Encoded], Any]
+    future: "asyncio.Future[Any]"
+
+
+Run = Callable[[Callable[[], Outcomes | None]], Awaitable[Outcomes | None]]
 
 
 class Batcher:
@@ -43,6 +56,7 @@ class Batcher:
         self._run = run
         self._waiting: deque[Waiting] = deque()
         self._calling: asyncio.Task[None] | None = None
+        self._coming: set[object] = set()  # photos that wait for a worker thread; adding and discarding are atomic
         self.images = self.calls = 0
         self.answered_at = time.monotonic()
 
@@ -51,10 +65,28 @@ class Batcher:
 
         If canceled before a call takes the image, the image is never encoded.
         """
-        future: asyncio.Future[Encoded] = asyncio.get_running_loop().create_future()
-        self._waiting.append((image, future))
+        return await self.encode_then(image, lambda encoded: encoded)
+
+    async def encode_then(self, image: Array, then: Callable[[Encoded], R]) -> R:
+        """Encode one image as `encode` does; return what `then` returns for its functions, or raise its error.
+
+        `then` runs on the worker thread, within the call: all images of a call are answered at once, and the photos
+        that follow them share the next call, too.
+        """
+        future: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
+        self._waiting.append(Waiting(image, then, future))
         self._start()
-        return await future
+        return cast(R, await future)
+
+    @contextmanager
+    def coming(self) -> Iterator[None]:
+        """Count a photo that has arrived and may become an image of the next call."""
+        photo = object()
+        self._coming.add(photo)
+        try:
+            yield
+        finally:
+            self._coming.discard(photo)
 
     def _start(self) -> None:
         if self._waiting and self._calling is None:
@@ -63,7 +95,11 @@ class Batcher:
     async def _call(self) -> None:
         batch: list[Waiting] = []
         try:
-            outcomes = await self._run(lambda: self._take_and_encode(batch))
+            outcomes = None
+            for turn in range(MAX_TURNS + 1):
+                outcomes = await self._run(partial(self._take_and_encode, batch, is_last_turn=turn == MAX_TURNS))
+                if outcomes is not None:
+                    break
         except BaseException as error:  # the service stops: the executor refuses the call, or this task is canceled
             unanswered = [*batch, *self._waiting]
             self._waiting.clear()
@@ -71,40 +107,49 @@ class Batcher:
             if not isinstance(error, Exception):
                 raise
         else:
-            _settle(batch, outcomes)
+            _settle(batch, outcomes or [])
         finally:
             self._calling = None
             self._start()
 
-    def _take_and_encode(self, batch: list[Waiting]) -> list[Outcome]:
+    def _take_and_encode(self, batch: list[Waiting], *, is_last_turn: bool) -> Outcomes | None:
         """Move up to MAX_BATCH waiting images into the batch and encode them, without those whose client left.
 
-        Runs on a worker thread.
+        Runs on a worker thread. Returns None, and takes nothing, if photos that have arrived should go first.
         """
+        if self._coming and len(self._waiting) < MAX_BATCH and not is_last_turn:
+            return None
         while self._waiting and len(batch) < MAX_BATCH:
             waiting = self._waiting.popleft()
-            if not waiting[1].done():
+            if not waiting.future.done():
                 batch.append(waiting)
         self.images += len(batch)
-        return self._outcomes([image for image, _ in batch])
+        return self._outcomes(batch)
 
-    def _outcomes(self, images: list[Array]) -> list[Outcome]:
-        """Return the functions or the error of each image; if a call for several fails, encode each image alone."""
-        if not images:
+    def _outcomes(self, batch: list[Waiting]) -> Outcomes:
+        """Return the result or the error of each image; if a call for several fails, encode each image alone."""
+        if not batch:
             return []
         self.calls += 1
         try:
-            encoded = self._encode(np.concatenate(images))
-            outcomes: list[Outcome] = [functions for _, functions in zip(images, encoded, strict=True)]
+            encoded = list(self._encode(np.concatenate([waiting.image for waiting in batch])))
         except Exception as error:  # any error goes to the request of the image
-            return [error] if len(images) == 1 else [self._outcomes([image])[0] for image in images]
+            return [error] if len(batch) == 1 else [self._outcomes([waiting])[0] for waiting in batch]
         self.answered_at = time.monotonic()
-        return outcomes
+        return [_result_of(waiting.then, functions) for waiting, functions in zip(batch, encoded, strict=True)]
 
 
-def _settle(batch: Iterable[Waiting], outcomes: Iterable[Encoded | BaseException]) -> None:
+def _result_of(then: Callable[[Encoded], Any], encoded: Encoded) -> Any:  # noqa: ANN401 - whatever `then` returns
+    try:
+        return then(encoded)
+    except Exception as error:  # goes to the request of the image
+        return error
+
+
+def _settle(batch: Iterable[Waiting], outcomes: Iterable[object]) -> None:
     """Set the outcome of each future, except for those whose client left."""
-    for (_, future), outcome in zip(batch, outcomes, strict=True):
+    for waiting, outcome in zip(batch, outcomes, strict=True):
+        future = waiting.future
         if future.done():
             continue
         if isinstance(outcome, Exception):

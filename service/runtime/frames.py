@@ -16,14 +16,13 @@ NO_DETAILS: Final = Details()
 F = TypeVar("F", bound=Functions)
 
 
-async def with_box(runtime: Runtime, spec: MappingSpec, functions: F) -> tuple[F, Frame]:
-    """Return the functions of a new object, rounded as the store's setting says, and the box that they then fill."""
+def with_box(runtime: Runtime, spec: MappingSpec, functions: F) -> tuple[F, Frame]:
+    """Return the functions of a new object, rounded as the store's setting says, and the box that they then fill.
 
-    def prepare() -> tuple[F, Frame]:
-        kept = rounded(spec, functions, runtime.settings.store_dtype)
-        return kept, measure(spec, kept.theta)
-
-    return await runtime.run(prepare)
+    Runs on a worker thread.
+    """
+    kept = rounded(spec, functions, runtime.settings.store_dtype)
+    return kept, measure(spec, kept.theta)
 
 
 async def complete_record(

@@ -217,9 +217,10 @@ async def _look_up_or_encode(
 
     The report and the picture that are kept with the object are those of the first image.
     """
-    views = await frame_all(runtime, photos)
-    object_id = id_of(runtime, encoder, photos, views)
-    match = await runtime.store.find(object_id)
+    with runtime.batchers[encoder.name].coming():
+        views = await frame_all(runtime, photos)
+        object_id = id_of(runtime, encoder, photos, views)
+        match = await runtime.store.find(object_id)
     if match is not None:
         record, functions = match
         details = Details(ImageReport.of(views[0]), label, views[0].thumbnail)

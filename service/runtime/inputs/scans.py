@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 
 from service.encoding.clouds import PointInput, normalize
 from service.encoding.encoder import Encoded, Encoder
@@ -46,8 +47,7 @@ def point_input(data: bytes, encoder: Encoder) -> PointInput:
 
 async def complete(runtime: Runtime, encoder: Encoder, sent: PointInput) -> tuple[Encoded, Frame]:
     """Return the functions of the object that points are a part of, and the box that they fill."""
-    functions = await runtime.batchers[encoder.name].encode(sent.tensor)
-    return await with_box(runtime, encoder.spec, functions)
+    return await runtime.batchers[encoder.name].encode_then(sent.tensor, partial(with_box, runtime, encoder.spec))
 
 
 def points_record(object_id: str, encoder: Encoder, box: Frame, label: str | None) -> Record:

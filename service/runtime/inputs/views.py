@@ -6,6 +6,7 @@ Of the ways to make one object of several views, the mean of their thetas is the
 import asyncio
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 from service.encoding.encoder import Encoded, Encoder
@@ -45,9 +46,11 @@ async def frame_all(runtime: Runtime, photos: Photos) -> list[Framed]:
 
 async def encode_all(runtime: Runtime, encoder: Encoder, views: Sequence[Framed]) -> tuple[Encoded, Frame]:
     """Return the functions of an object that is seen in one view or several, and the box that they fill."""
-    batcher = runtime.batchers[encoder.name]
+    batcher, finish = runtime.batchers[encoder.name], partial(with_box, runtime, encoder.spec)
+    if len(views) == 1:
+        return await batcher.encode_then(views[0].tensor, finish)
     functions = averaged(await asyncio.gather(*(batcher.encode(view.tensor) for view in views)))
-    return await with_box(runtime, encoder.spec, functions)
+    return await runtime.run(finish, functions)
 
 
 def averaged(views: Sequence[Encoded]) -> Encoded:

@@ -3,6 +3,7 @@
 import asyncio
 import random
 import threading
+import time
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -86,6 +87,50 @@ def test_batcher_with_waiting_images_shares_a_call_without_those_that_left() -> 
 
     with ThreadPoolExecutor(1) as executor:
         assert asyncio.run(scenario(executor)) == (MAX_BATCH, 1)
+
+
+def test_batcher_with_photos_that_have_arrived_lets_them_share_the_call() -> None:
+    async def scenario(executor: ThreadPoolExecutor) -> tuple[int, int]:
+        batcher, loop = _batcher(executor), asyncio.get_running_loop()
+
+        async def photo(index: int) -> Encoded:
+            with batcher.coming():
+                await loop.run_in_executor(executor, time.sleep, 0.001)
+            return await batcher.encode(_image(index))
+
+        await asyncio.gather(*(photo(index) for index in range(MAX_BATCH)))
+        return batcher.images, batcher.calls
+
+    with ThreadPoolExecutor(1) as executor:
+        assert asyncio.run(scenario(executor)) == (MAX_BATCH, 1)
+
+
+def test_batcher_with_a_photo_that_never_comes_goes_on_without_it() -> None:
+    async def scenario(executor: ThreadPoolExecutor) -> None:
+        batcher = _batcher(executor)
+        with batcher.coming():
+            async with asyncio.timeout(TIMEOUT_S):
+                np.testing.assert_array_equal((await batcher.encode(_image(3))).theta, [3, 3])
+
+    with ThreadPoolExecutor(1) as executor:
+        asyncio.run(scenario(executor))
+
+
+def test_encode_then_runs_on_the_worker_and_its_error_is_that_of_its_image_alone() -> None:
+    def invert(encoded: Encoded) -> tuple[float, str]:
+        if not encoded.theta[0]:
+            raise ZeroDivisionError
+        return 1 / float(encoded.theta[0]), threading.current_thread().name
+
+    async def scenario(executor: ThreadPoolExecutor) -> tuple[list[object], int]:
+        batcher = _batcher(executor)
+        tasks = [batcher.encode_then(_image(value), invert) for value in (2, 0, 4)]
+        return await asyncio.gather(*tasks, return_exceptions=True), batcher.calls
+
+    with ThreadPoolExecutor(1, thread_name_prefix="worker") as executor:
+        (first, error, last), calls = asyncio.run(scenario(executor))
+    assert (first, last, calls) == ((0.5, "worker_0"), (0.25, "worker_0"), 1)
+    assert isinstance(error, ZeroDivisionError)
 
 
 def test_batcher_with_a_closed_executor_fails_its_images() -> None:
