@@ -19,7 +19,7 @@ from playwright.sync_api import Page, sync_playwright
 
 from benchmarks.targets import Target, targets_table
 from model.provenance import provenance
-from tests.support.browsing import TIMEOUT_MS, WEBGL, photo
+from tests.support.browsing import TIMEOUT_MS, WEBGL, launched, photo
 from tests.support.processes import hof, serving
 
 LIGHTHOUSE: Final = Path("tests/service/viewer/tools/node_modules/lighthouse/cli/index.js")
@@ -62,7 +62,7 @@ def main() -> None:
         for device in ("desktop", "mobile"):
             scores = lighthouse(chromium, url, device)
             targets += [Target(f"Lighthouse, {device}: {name}", scores[name], CATEGORIES[name]) for name in CATEGORIES]
-        times = first_results_s(chromium, url, rounds)
+        times = first_results_s(url, rounds)
     what = f"s from a photo to its object on the stage, median of {rounds}"
     targets.append(Target(what, float(np.median(times)), FIRST_S, at_most=True))
     print(
@@ -85,10 +85,10 @@ def lighthouse(chromium: str, url: str, device: str) -> dict[str, float]:
     return {name: 100 * float(categories[name]["score"]) for name in CATEGORIES}
 
 
-def first_results_s(chromium: str, url: str, rounds: int) -> list[float]:
+def first_results_s(url: str, rounds: int) -> list[float]:
     """Return the seconds from the choice of a photo that the service does not know until its object is drawn."""
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=WEBGL)
+        browser = launched(playwright)
         page = browser.new_page(viewport={"width": 1280, "height": 900}, reduced_motion="reduce")
         page.set_default_timeout(TIMEOUT_MS)
         times = [_first_result_s(page, url, number) for number in range(rounds)]

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, Final, Literal, TypeVar
 
 from service.encoding.framing import Framing
-from service.mapping.spec import HOF_1, Domain, MappingSpec
+from service.mapping.spec import HOF_1, HOF_3, Domain, MappingSpec
 
 Method = Literal["hof", "deepsdf", "foldingnet", "direct", "atlasnet_sphere", "atlasnet_25"]
 Trunk = Literal["dense", "lite0", "resnet18", "pointnet"]
@@ -219,6 +219,40 @@ PAPER_SCHEDULE: Final = TrainConfig(  # paper, appendix: Implementation Details;
 )
 COMPARED_RUN: Final = TrainConfig(  # common to all runs of `hof-model retrain`
     steps=1_500, variants=True, late_from=0.5, late_points=1_024, late_target_points=4_000
+)
+
+
+@dataclass(frozen=True)
+class ComparedMethod:
+    """A method of the comparison (paper, Table 1).
+
+    name : in tables.
+    file : name of its record.
+    """
+
+    name: str
+    file: str
+    method: Method
+    spec: MappingSpec
+
+    def config(self, common: TrainConfig) -> TrainConfig:
+        """Return the config of the method that is `common` otherwise."""
+        return replace(common, method=self.method, spec=self.spec)
+
+
+def _decoder(name: str, file: str, method: Method) -> ComparedMethod:
+    return ComparedMethod(name, file, method, replace(HOF_1, domain=METHOD_DOMAINS.get(method, "ball")))
+
+
+COMPARED_METHODS: Final = (
+    ComparedMethod("HOF-1", "hof1-k1", "hof", HOF_1),
+    ComparedMethod("HOF-1, k = 2", "hof1-k2", "hof", HOF_1.with_k(2)),
+    ComparedMethod("HOF-3", "hof3-k1", "hof", HOF_3),
+    _decoder("DeepSDF", "deepsdf", "deepsdf"),
+    _decoder("FoldingNet", "foldingnet", "foldingnet"),
+    _decoder("direct decoder", "direct", "direct"),
+    _decoder("AtlasNet, sphere", "atlasnet-sphere", "atlasnet_sphere"),
+    _decoder("AtlasNet, 25 patches", "atlasnet-25", "atlasnet_25"),
 )
 
 

@@ -33,6 +33,9 @@
 This module imports no other module of the project, so that every layer may raise these errors.
 """
 
+from copy import copy
+from typing import Self
+
 
 class HofError(Exception):
     """Base class. `status` is the HTTP status; `title` names the kind of problem; `field` names the parameter."""
@@ -44,6 +47,13 @@ class HofError(Exception):
         super().__init__(detail)
         self.detail = detail
         self.field = field
+
+    def prefixed(self, name: str) -> Self:
+        """Return a copy whose detail begins with the name of the file, or of the part of the input, at fault."""
+        error = copy(self)
+        error.detail = f"{name}: {self.detail}"
+        error.args = (error.detail,)
+        return error
 
 
 class InvalidInput(HofError):

@@ -11,8 +11,8 @@ import os
 import random
 import tempfile
 import time
-from collections.abc import Awaitable, Callable, Sequence
-from contextlib import suppress
+from collections.abc import Awaitable, Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -94,13 +94,20 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0 if all(target.met for target in targets) else 1
 
 
-def _on_postgres(postgres: Postgres, operations: int, kills: int, seed: int) -> Turmoil:
+@contextmanager
+def _replicas(postgres: Postgres, count: int) -> Iterator[tuple[Replicas, str]]:
+    """Run services on a new database behind PgBouncer; yield them and the database's own URL."""
     url = postgres.create()
     with (
         tempfile.TemporaryDirectory() as folder,
         postgres.bouncer(url, connections=POOL) as pooled,
-        running_replicas(PROCESSES, Path(folder), SHIPPED_MODEL, pooled) as fleet,
+        running_replicas(count, Path(folder), SHIPPED_MODEL, pooled) as fleet,
     ):
+        yield fleet, url
+
+
+def _on_postgres(postgres: Postgres, operations: int, kills: int, seed: int) -> Turmoil:
+    with _replicas(postgres, PROCESSES) as (fleet, url):
         return turmoil(fleet, url, operations, kills, photos, seed)
 
 
@@ -134,12 +141,7 @@ def _kills(results: dict[str, Turmoil]) -> str:
 
 def _rates(postgres: Postgres, size: int, seconds: float) -> dict[str, Rate]:
     """Return the rates of some replicas: an object's record, its points, and new photos."""
-    url = postgres.create()
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        postgres.bouncer(url, connections=POOL) as pooled,
-        running_replicas(size, Path(folder), SHIPPED_MODEL, pooled) as fleet,
-    ):
+    with _replicas(postgres, size) as (fleet, _):
         return asyncio.run(_measure(postgres, fleet, seconds))
 
 

@@ -1,7 +1,6 @@
 """Points in a JavaScript client: downloaded, or drawn there from the downloaded weights; bytes and milliseconds."""
 
 import json
-import shutil
 import subprocess
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from playwright.sync_api import Page, Route, sync_playwright
 
 from benchmarks.speed.timing import Seconds
 from tests.support import ROOT
-from tests.support.browsing import WEBGL, photo
+from tests.support.browsing import launched, photo
 from tests.support.processes import hof, serving
 from tests.support.resources import others
 
@@ -72,7 +71,7 @@ def _elsewhere(core: int, command: list[str]) -> list[str]:
 def _in_browser(url: str, object_id: str, rounds: int) -> tuple[dict[int, Seconds], str]:
     """Time points by WebGL2 in Chromium; return them by n, and the name of its WebGL."""
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=WEBGL)
+        browser = launched(playwright)
         page = browser.new_page()
         page.route("**/hof-client/**", _package)
         page.goto(f"{url}/")

@@ -6,7 +6,6 @@ a running `hof serve` is then sent; what the stages leave of the server's time i
 
 import argparse
 import asyncio
-import os
 import tempfile
 import time
 from collections.abc import Callable
@@ -17,6 +16,7 @@ import numpy as np
 
 from benchmarks.load.photos import photos
 from benchmarks.speed import photos as over_http
+from benchmarks.speed.timing import pin
 from model.provenance import provenance
 from service.api.responses.objects import EncodedObject
 from service.encoding.decode import DEFAULT_MAX_PIXELS, decode_with_size
@@ -43,7 +43,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rounds", type=int, default=ROUNDS)
     arguments = parser.parse_args()
-    os.sched_setaffinity(0, {core := min(os.sched_getaffinity(0))})
+    core = pin()
     hold_blas_to_one_thread()
     engine = "the compiled kernel" if compiled.load() else "NumPy"
     stages = measure_stages(arguments.rounds)

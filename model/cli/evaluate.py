@@ -77,19 +77,20 @@ def _add_evaluate(stage: argparse.ArgumentParser) -> None:
 
 
 def _evaluate_epcg(arguments: argparse.Namespace) -> None:
-    from model.evaluation.comparison import run_answer
+    from model.evaluation.comparison import network_answer
     from model.evaluation.epcg import measure_epcg
     from model.evaluation.evaluate import encoder_answer
     from model.evaluation.timing import mapping_decoder, network_decoder
     from model.report.epcg import section
-    from model.training.checkpoints import chosen_checkpoint
+    from model.training.checkpoints import chosen_checkpoint, load_network
     from service.encoding.encoder import Encoder
 
     if arguments.ceiling or arguments.references or arguments.photographs or arguments.picture:
         raise ValueError("--protocol epcg goes with --run or --model alone: leave out the other options")
     if arguments.folder:
-        name, answer = arguments.folder.name, run_answer(arguments.folder, arguments.seed)
-        decoder = network_decoder(chosen_checkpoint(arguments.folder))
+        network, config, _ = load_network(chosen_checkpoint(arguments.folder))
+        name, answer = arguments.folder.name, network_answer(arguments.folder, network, config, arguments.seed)
+        decoder = network_decoder(network, config)
     else:
         encoder = Encoder.open(arguments.model, threads=1)
         name, answer, decoder = encoder.name, encoder_answer(encoder), mapping_decoder(encoder)

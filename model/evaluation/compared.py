@@ -4,25 +4,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from model.config import COMPARED_RUN, ON_CPU, DeviceOptions
+from model.config import COMPARED_METHODS, COMPARED_RUN, ON_CPU, DeviceOptions
 from model.data.manifest import Split
 from model.evaluation.comparison import run_record
 from model.training.device.loop import train_on_device
 from model.training.device.placement import uses_device_loop
 from model.training.train import train
-from service.mapping.spec import HOF_1, HOF_3
 
 RUNS: Final = Path("runs/compared")
-COMPARED: Final = {
-    "hof1-k1": replace(COMPARED_RUN, spec=HOF_1),
-    "hof1-k2": COMPARED_RUN,
-    "hof3-k1": replace(COMPARED_RUN, spec=HOF_3),
-    "deepsdf": replace(COMPARED_RUN, method="deepsdf", spec=HOF_1),
-    "foldingnet": replace(COMPARED_RUN, method="foldingnet", spec=replace(HOF_1, domain="cube")),
-    "direct": replace(COMPARED_RUN, method="direct", spec=HOF_1),
-    "atlasnet-sphere": replace(COMPARED_RUN, method="atlasnet_sphere", spec=replace(HOF_1, domain="sphere")),
-    "atlasnet-25": replace(COMPARED_RUN, method="atlasnet_25", spec=replace(HOF_1, domain="cube")),
-}
+COMPARED: Final = {each.file: each.config(COMPARED_RUN) for each in COMPARED_METHODS}
 
 
 def retrain(

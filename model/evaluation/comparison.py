@@ -6,7 +6,9 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+from torch import nn
 
+from model.config import TrainConfig
 from model.data.manifest import Split
 from model.evaluation.conditions import Condition
 from model.evaluation.evaluate import (
@@ -83,25 +85,33 @@ def run_record(
     ------
     FileNotFoundError : no data set, no checkpoint, or a condition's images are not rendered.
     """
-    checkpoint = chosen_checkpoint(run)
-    _, config, state = load_network(checkpoint)
-    answer = run_answer(run, seed)
+    network, config, state = load_network(chosen_checkpoint(run))
+    answer = network_answer(run, network, config, seed)
     objects = list(cases(data, split))
     training = {"steps": state["step"], "minutes": round(state["elapsed_s"] / 60, 1), "config": config.to_dict()}
     origin = {"training": training, **provenance(config.seed)}
     evaluations = [measure(name, answer, objects, data, condition, seed=seed)[0] for condition in conditions]
-    return _record(name, split, objects, evaluations, origin, network_decoder(checkpoint))
+    return _record(name, split, objects, evaluations, origin, network_decoder(network, config))
 
 
 def run_answer(run: Path, seed: int = 0) -> Answer:
-    """Return a function that answers as a trained network of any method does.
+    """Read a run's network, of any method, and return its answers (`network_answer`).
 
     Raises
     ------
     FileNotFoundError : no checkpoint.
-    ValueError : the network answers in the camera's frame, which the true points are not in.
     """
     network, config, _ = load_network(chosen_checkpoint(run))
+    return network_answer(run, network, config, seed)
+
+
+def network_answer(run: Path, network: nn.Module, config: TrainConfig, seed: int = 0) -> Answer:
+    """Return a function that answers as a run's network, of any method, does.
+
+    Raises
+    ------
+    ValueError : the network answers in the camera's frame, which the true points are not in.
+    """
     if config.frame == "camera":
         raise ValueError(f"{run} was trained with --frame camera: `hof-model paper frame` measures such runs")
     predict = predictor(network, config)

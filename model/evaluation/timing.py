@@ -3,19 +3,19 @@
 import statistics
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Final
 
 import numpy as np
 import torch
 from torch import nn
 
+from model.config import TrainConfig
 from model.evaluation.evaluate import PREDICTED_POINTS, draw
 from model.evaluation.records import Decoder
 from model.networks.atlasnet import AtlasNet
 from model.networks.decoders import Hof
 from model.networks.fixed_features import FixedFeatures
-from model.training.checkpoints import load_network, predictor
+from model.training.checkpoints import predictor
 from service.encoding.encoder import Encoder
 
 REPEATS: Final = 50
@@ -45,19 +45,20 @@ def mapping_decoder(encoder: Encoder) -> Decoder:
     return Decoder(spec.size, len(spec.hidden) + 1, median_ms(lambda: draw(spec, theta)))
 
 
-def network_decoder(checkpoint: Path) -> Decoder:
+def network_decoder(network: nn.Module, config: TrainConfig) -> Decoder:
     """Measure a trained network's decoder in torch on one thread, canonical points included."""
-    network, config, _ = load_network(checkpoint)
     images = np.ones((1, 3, config.framing.size, config.framing.size), np.float32)
     before = "encoder" if isinstance(network, Hof) else "trunk"
+    part = network.get_submodule(before)
     with torch.no_grad():
-        setattr(network, before, FixedFeatures(network.get_submodule(before)(torch.from_numpy(images))))
+        setattr(network, before, FixedFeatures(part(torch.from_numpy(images))))
     predict, threads = predictor(network, config), torch.get_num_threads()
     torch.set_num_threads(1)
     try:
         ms = median_ms(lambda: predict(images, PREDICTED_POINTS, 0))
     finally:
         torch.set_num_threads(threads)
+        setattr(network, before, part)
     if isinstance(network, Hof):
         return Decoder(config.spec.size, len(config.spec.hidden) + 1, ms)
     own = [(name, part) for name, part in network.named_modules() if not name.startswith(("trunk", "code"))]

@@ -6,10 +6,10 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from service.formats.precision import Dtype
 from service.formats.weights import WeightFormatName
+from service.labels import LABEL_SCHEMA, MAX_LABEL, clean_label
 from service.mapping.spec import MAX_K
 from service.runtime.composition import Mode
 from service.runtime.options import EncodeOptions, MeshOptions, PathOptions, PictureOptions, PointOptions
-from service.storage.labels import LABEL_SCHEMA, MAX_LABEL, clean_label
 
 PointFormatName = Literal["ply", "npy", "xyz", "json", "glb", "gltf", "pcd", "f32", "f16"]
 MeshFormatName = Literal["glb", "gltf", "obj", "stl", "ply", "usdz"]

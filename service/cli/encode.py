@@ -24,13 +24,13 @@ from service.encoding.report import ImageReport
 from service.errors import HofError, InvalidParameter
 from service.formats.scans.read import kind_of
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump
+from service.labels import clean_label
 from service.mapping.box import measure
 from service.mapping.frame import Frame
 from service.runtime.inputs.scans import Placement, point_input
 from service.runtime.inputs.views import MAX_IMAGES, averaged
 from service.runtime.options import EncodeOptions
 from service.settings import Settings
-from service.storage.labels import clean_label
 
 
 def encode(arguments: argparse.Namespace) -> None:
@@ -81,7 +81,7 @@ def _complete(arguments: argparse.Namespace, settings: Settings, paths: Sequence
     try:
         sent = point_input(data, encoder)
     except HofError as error:
-        raise type(error)(f"{name}: {error.detail}", field=error.field) from error
+        raise error.prefixed(name) from error
     functions = encoder.encode(sent.tensor)[0]
     frame = measure(encoder.spec, functions.theta)
     result = _write(arguments, encoder, functions, frame, None)
@@ -131,5 +131,5 @@ def _framed_views(
         try:
             views.append(preprocess(photo, framing, options.background, settings.max_image_pixels, matting))
         except HofError as error:
-            raise type(error)(f"{shown_name(path)}: {error.detail}", field=error.field) from error
+            raise error.prefixed(shown_name(path)) from error
     return views

@@ -133,7 +133,7 @@ def _load(path: Path) -> Weights:
     try:
         return load(data)
     except HofError as error:
-        raise type(error)(f"{shown_name(path)}: {error.detail}") from error
+        raise error.prefixed(shown_name(path)) from error
 
 
 def _frame(weights: Weights) -> Frame:

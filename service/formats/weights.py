@@ -21,6 +21,7 @@ from service.formats import onnx, tensors
 from service.formats.precision import Dtype, Loss, from_int8, loss_of, scales_of, to_int8
 from service.formats.rounding import close_float16
 from service.formats.tensors import Stored, Tensors
+from service.labels import clean_label
 from service.mapping.frame import Frame
 from service.mapping.spec import Array, Color, Functions, MappingSpec, check_color_spec
 
@@ -29,7 +30,7 @@ WeightFormatName = Literal["safetensors", "npy", "json", "onnx"]
 FORMAT: Final = "hof-theta-1"
 WORD_FORMAT: Final = "hof-word-1"  # for composed objects
 MAX_JSON_NUMBERS: Final = 1_000_000  # as text or as Python objects, a number takes far more than 4 bytes
-MAX_LABEL: Final = 200  # characters of a name
+MAX_NAME: Final = 200  # characters of a model's, a spec's or an object's name
 
 TYPES: Final[Mapping[Dtype, str]] = {"float32": "F32", "float16": "F16", "int8": "I8"}
 
@@ -46,7 +47,7 @@ class Weights:
     frame : the object's box in the function's own numbers; None if it was not measured.
     dtype : type of the numbers in a file; in memory they are float32.
     loss : of a file that was read: what the type costs, if the file says so.
-    label : the name that people gave the object; None without one.
+    label : the name that people gave the object, as `service.labels.clean_label` returns it; None without one.
     """
 
     spec: MappingSpec
@@ -153,8 +154,8 @@ def load(data: bytes) -> Weights:
     if not isinstance(model, str) or not isinstance(text, str):
         raise CorruptWeights('the metadata lack "model" or "spec"')
     spec = MappingSpec.from_json(text)
-    _check_label(model)
-    _check_label(spec.name)
+    _check_name(model)
+    _check_name(spec.name)
     word = _word(metadata.get("word"), spec.k) if metadata["format"] == WORD_FORMAT else ()
     color_spec = _color_spec(metadata["color_spec"], spec) if "color_spec" in metadata else None
     dtype = _dtype(header)
@@ -171,7 +172,7 @@ def _color_spec(text: object, spec: MappingSpec) -> MappingSpec:
     if not isinstance(text, str):
         raise CorruptWeights('"color_spec" in the metadata is not a string')
     color_spec = MappingSpec.from_json(text)
-    _check_label(color_spec.name)
+    _check_name(color_spec.name)
     check_color_spec(spec, color_spec)
     return color_spec
 
@@ -250,19 +251,21 @@ def _word(text: object, k: int) -> tuple[str, ...]:
     if not isinstance(word, list) or len(word) != k or not all(isinstance(name, str) for name in word):
         raise CorruptWeights(f'"word" in the metadata is not a list of {k} names')
     for name in word:
-        _check_label(name)
+        _check_name(name)
     return tuple(word)
 
 
-def _label(text: object) -> str:
+def _label(text: object) -> str | None:
     """Read the name that people gave the object. Raises CorruptWeights."""
     if not isinstance(text, str):
         raise CorruptWeights('"label" in the metadata is not a string')
-    _check_label(text)
-    return text
+    try:
+        return clean_label(text)
+    except InvalidParameter as error:
+        raise CorruptWeights(f'"label" in the metadata: {error.detail}') from error
 
 
-def _check_label(text: str) -> None:
-    """Raise CorruptWeights unless a name can be shown and stored: no control characters, no lone surrogates."""
-    if not (0 < len(text) <= MAX_LABEL and text.isprintable()):
-        raise CorruptWeights(f"a name must have 1 to {MAX_LABEL} printable characters")
+def _check_name(text: str) -> None:
+    """Raise CorruptWeights unless a program's name can be shown and stored."""
+    if not (0 < len(text) <= MAX_NAME and text.isprintable()):
+        raise CorruptWeights(f"a name must have 1 to {MAX_NAME} printable characters")

@@ -12,7 +12,7 @@ from typing import Final, Literal
 import numpy as np
 
 from service.errors import CorruptWeights, InvalidParameter
-from service.formats.weights import MAX_LABEL
+from service.formats.weights import MAX_NAME
 from service.mapping.box import examine
 from service.mapping.spec import Array, Color, Functions, MappingSpec, join_functions
 from service.storage.ids import composed_id, interpolated_id
@@ -146,7 +146,7 @@ def _record(kind: Literal["composed", "interpolated"], members: Sequence[Record]
     """Return the record of a new object. Its model names the models of its members, cut to what a file can carry."""
     ids = tuple(record.id for record in members)
     id_ = composed_id(ids) if kind == "composed" else interpolated_id(ids)
-    model = " + ".join(dict.fromkeys(record.model for record in members))[:MAX_LABEL]
+    model = " + ".join(dict.fromkeys(record.model for record in members))[:MAX_NAME]
     color_spec = next((record.color_spec for record in members if record.color_spec), None)
     return Record(id_, kind, model, members[0].spec, datetime.now(UTC), ids, color_spec)
 

@@ -535,9 +535,9 @@ export interface paths {
          *     255. Rows run from the top. The object stands over white, centered; its longer side fills `foreground_ratio` of the
          *     square: `/model` has this share and the size. `/encode` does all of this itself.
          *
-         *     The output `theta` equals the weights of `/encode?store=false`; a model with color also has the output `color`. A
-         *     model that makes estimates also has `shape_confidence` (b, 1) and `camera` (b, 4): azimuth, elevation, distance and
-         *     roll, as in the answer of `/encode`.
+         *     The output `theta` equals the weights of `/encode?store=false`, but for the rounding of `HOF_STORE_DTYPE=float16`. A
+         *     model with color also has the output `color`. A model that makes estimates also has `shape_confidence` (b, 1) and
+         *     `camera` (b, 4): azimuth, elevation, distance and roll, as in the answer of `/encode`.
          */
         post: operations["infer_v2_models__name__infer_post"];
         delete?: never;
@@ -563,9 +563,9 @@ export interface paths {
          *     255. Rows run from the top. The object stands over white, centered; its longer side fills `foreground_ratio` of the
          *     square: `/model` has this share and the size. `/encode` does all of this itself.
          *
-         *     The output `theta` equals the weights of `/encode?store=false`; a model with color also has the output `color`. A
-         *     model that makes estimates also has `shape_confidence` (b, 1) and `camera` (b, 4): azimuth, elevation, distance and
-         *     roll, as in the answer of `/encode`.
+         *     The output `theta` equals the weights of `/encode?store=false`, but for the rounding of `HOF_STORE_DTYPE=float16`. A
+         *     model with color also has the output `color`. A model that makes estimates also has `shape_confidence` (b, 1) and
+         *     `camera` (b, 4): azimuth, elevation, distance and roll, as in the answer of `/encode`.
          */
         post: operations["infer_v2_models__name__versions__version__infer_post"];
         delete?: never;
@@ -2321,7 +2321,7 @@ export interface operations {
             };
         };
         responses: {
-            /** @description The object that the same weights gave before */
+            /** @description The object that the same weights gave before; it takes the file's label if it has none */
             200: {
                 headers: {
                     [name: string]: unknown;

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
-from model.config import METHOD_DOMAINS, EncoderConfig, Frame, Method, Predicted, TrainConfig
+from model.config import COMPARED_METHODS, EncoderConfig, Frame, Predicted, TrainConfig
 from service.mapping.spec import DOMAIN_DIMS, HOF_1, HOF_3, Activation, Domain, MappingSpec
 
 Change = Callable[[TrainConfig], TrainConfig]
@@ -66,11 +66,6 @@ def _hof(
     return lambda common: replace(common, method="hof", spec=changed)
 
 
-def _method(method: Method) -> Change:
-    spec = replace(HOF_1, domain=METHOD_DOMAINS.get(method, "ball"))
-    return lambda common: replace(common, method=method, spec=spec)
-
-
 def _with_encoder(change: Change, encoder: Callable[[EncoderConfig], EncoderConfig]) -> Change:
     def changed(common: TrainConfig) -> TrainConfig:
         own = change(common)
@@ -99,16 +94,7 @@ TABLE_1: Final = Suite(
     1,
     "Table 1: reconstruction architectures",
     "HOF and the decoders it is compared with, behind the same image encoder.",
-    {
-        "HOF-1": _hof(HOF_1),
-        "HOF-1, k = 2": _hof(HOF_1, k=2),
-        "HOF-3": _hof(HOF_3),
-        "DeepSDF": _method("deepsdf"),
-        "FoldingNet": _method("foldingnet"),
-        "direct decoder": _method("direct"),
-        "AtlasNet, sphere": _method("atlasnet_sphere"),
-        "AtlasNet, 25 patches": _method("atlasnet_25"),
-    },
+    {each.name: each.config for each in COMPARED_METHODS},
     (
         Claim("HOF-1 is on par with DeepSDF, with 220 times fewer parameters", "HOF-1", "DeepSDF"),
         Claim("HOF-3 is on par with DeepSDF", "HOF-3", "DeepSDF"),

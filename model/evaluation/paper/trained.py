@@ -7,7 +7,9 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+from torch import nn
 
+from model.config import TrainConfig
 from model.data.dataset import Shape
 from model.data.manifest import Entry, Manifest, Split
 from model.data.shapenet.convert import DENSE
@@ -48,10 +50,14 @@ def measure_suite(
     names, seeds = list(dict.fromkeys(name for name, _ in runs)), sorted({seed for _, seed in runs})
     trials, about = [], {}
     for name in names:
-        columns = [_figures(runs[name, seed], name, data, entries, every_view, seed) for seed in seeds]
+        columns = []
+        for seed in seeds:
+            network, config, state = load_network(chosen_checkpoint(runs[name, seed]))
+            columns.append(_figures(network, config, f"{name}, seed {seed}", data, entries, every_view, seed))
+            if seed == seeds[0]:
+                about[name] = _about(runs[name, seed], network, config, state)
         figures = {figure: rounded(np.mean([column[figure] for column in columns], axis=0)) for figure in columns[0]}
         trials.append(Trial(name, figures))
-        about[name] = _about(runs[name, seeds[0]])
     setting = {
         "split": split,
         "objects": len(entries),
@@ -65,10 +71,15 @@ def measure_suite(
 
 
 def _figures(
-    run: Path, name: str, data: Path, entries: Sequence[Entry], every_view: bool, seed: int
+    network: nn.Module,
+    config: TrainConfig,
+    title: str,
+    data: Path,
+    entries: Sequence[Entry],
+    every_view: bool,
+    seed: int,
 ) -> dict[str, Values]:
-    """Return each figure of a run, (objects,)."""
-    network, config, _ = load_network(chosen_checkpoint(run))
+    """Return each figure of a run, (objects,); `title` stands before the progress bar."""
     predict, domain = predictor(network, config), config.spec.domain
     start = canonical_points(domain, PREDICTED_POINTS, seed)
 
@@ -87,15 +98,13 @@ def _figures(
             rows.append(row)
         return {figure: float(np.mean([row[figure] for row in rows])) for figure in rows[0]}
 
-    rows = in_threads(figures, entries, f"{name}, seed {seed}")
+    rows = in_threads(figures, entries, title)
     return {figure: np.array([row[figure] for row in rows]) for figure in rows[0]}
 
 
-def _about(run: Path) -> dict[str, Any]:
+def _about(run: Path, network: nn.Module, config: TrainConfig, state: Mapping[str, Any]) -> dict[str, Any]:
     """Return what the page says about a run: its size, steps, images, the end of its curve."""
-    checkpoint = chosen_checkpoint(run)
-    network, config, state = load_network(checkpoint)
-    decoder = network_decoder(checkpoint)
+    decoder = network_decoder(network, config)
     predicted = 0
     if isinstance(network, Hof):
         predicted = int(predicted_mask(config.spec, config.encoder.predicted).sum())

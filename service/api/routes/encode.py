@@ -21,6 +21,7 @@ from service.encoding.framing import Framed
 from service.encoding.report import ImageReport
 from service.errors import InvalidParameter
 from service.formats.scans.read import NAMES
+from service.labels import LABEL_SCHEMA
 from service.mapping.frame import Frame as ObjectFrame
 from service.mapping.spec import Functions
 from service.runtime.frames import complete_record
@@ -29,7 +30,6 @@ from service.runtime.inputs.scans import Placement, complete, point_input, point
 from service.runtime.inputs.views import MAX_IMAGES, Photos, encode_all, frame_all, id_of
 from service.runtime.parts import Runtime
 from service.storage.ids import points_id
-from service.storage.labels import LABEL_SCHEMA
 from service.storage.rows import Details, Record
 
 router = APIRouter()

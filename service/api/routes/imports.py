@@ -24,13 +24,12 @@ from service.mapping.spec import Functions, MappingSpec
 from service.runtime.cost import cost_of
 from service.runtime.frames import complete_record
 from service.storage.ids import imported_id
-from service.storage.labels import clean_label
-from service.storage.rows import Record
+from service.storage.rows import Details, Record
 
 router = APIRouter(prefix="/objects", tags=["objects"])
 
 RESPONSES: Final[Responses] = {
-    200: {"description": "The object that the same weights gave before"},
+    200: {"description": "The object that the same weights gave before; it takes the file's label if it has none"},
     201: {"model": StoredObject, "description": "A new object", "headers": OBJECT_LOCATION},
     400: {"model": Problem, "description": "Not a weights file, or its numbers do not fit its spec"},
     408: BODY_STALLED,
@@ -70,7 +69,7 @@ async def import_object(
             dtype = runtime.settings.store_dtype
             functions, frame = await while_connected(request, runtime.run(_examine, spec, functions, dtype))
         record, is_new = await runtime.store.put(_record(weights, functions, frame), functions)
-        record, _ = await complete_record(runtime, record, client=client)
+        record, _ = await complete_record(runtime, record, Details(label=weights.label), client=client)
     answer = StoredObject.of(record, runtime.settings.root_path)
     if is_new:
         response.status_code = 201
@@ -94,7 +93,13 @@ def _examine(spec: MappingSpec, functions: Functions, dtype: StoreDtype) -> tupl
 
 def _record(weights: Weights, functions: Functions, frame: Frame) -> Record:
     color_spec = weights.color.spec if weights.color else None
-    id_, label = imported_id(weights.spec, functions), clean_label(weights.label or "")
     return Record(
-        id_, "imported", weights.model, weights.spec, datetime.now(UTC), color_spec=color_spec, frame=frame, label=label
+        imported_id(weights.spec, functions),
+        "imported",
+        weights.model,
+        weights.spec,
+        datetime.now(UTC),
+        color_spec=color_spec,
+        frame=frame,
+        label=weights.label,
     )

@@ -163,9 +163,9 @@ async def infer(request: Request, query: NoParameters, encoder: NamedEncoder, ru
     255. Rows run from the top. The object stands over white, centered; its longer side fills `foreground_ratio` of the
     square: `/model` has this share and the size. `/encode` does all of this itself.
 
-    The output `theta` equals the weights of `/encode?store=false`; a model with color also has the output `color`. A
-    model that makes estimates also has `shape_confidence` (b, 1) and `camera` (b, 4): azimuth, elevation, distance and
-    roll, as in the answer of `/encode`.
+    The output `theta` equals the weights of `/encode?store=false`, but for the rounding of `HOF_STORE_DTYPE=float16`. A
+    model with color also has the output `color`. A model that makes estimates also has `shape_confidence` (b, 1) and
+    `camera` (b, 4): azimuth, elevation, distance and roll, as in the answer of `/encode`.
     """
     if "content-encoding" in request.headers:
         raise UnsupportedMedia("the body must not be compressed", field="Content-Encoding")

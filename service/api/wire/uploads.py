@@ -9,9 +9,9 @@ from starlette.requests import ClientDisconnect, Request
 
 from service.errors import InvalidInput, InvalidParameter, TooLarge
 from service.formats.scans.read import kind_of
+from service.labels import clean_label
 from service.runtime.admission import Admitted, ClientLeft
 from service.runtime.inputs.views import MAX_IMAGES
-from service.storage.labels import clean_label
 
 FIELDS: Final = ("image", "points", "label")
 MAX_DELIMITERS: Final = 64  # of a form; a form of two fields has three

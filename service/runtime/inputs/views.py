@@ -81,5 +81,4 @@ async def _frame(runtime: Runtime, photos: Photos, index: int) -> Framed:
     except HofError as error:
         if len(photos.images) == 1:
             raise
-        detail = f"image {index + 1} of {len(photos.images)}: {error.detail}"
-        raise type(error)(detail, field=error.field) from error
+        raise error.prefixed(f"image {index + 1} of {len(photos.images)}") from error

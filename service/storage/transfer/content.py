@@ -11,9 +11,9 @@ import numpy as np
 
 from service.encoding.thumbnail import MAX_THUMBNAIL_BYTES
 from service.errors import CorruptWeights
+from service.labels import clean_label
 from service.mapping.spec import Array, Functions, MappingSpec, check_color_spec
 from service.storage.ids import is_id
-from service.storage.labels import clean_label
 from service.storage.rows import Entry, Kind, Record
 from service.storage.store import Store
 

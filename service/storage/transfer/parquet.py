@@ -61,7 +61,7 @@ async def import_file(store: Store, path: Path, progress: Progress) -> Tally:
             raise
         raise CorruptWeights(f"{path}: it is not a Parquet file, or it is damaged: {_first_line(error)}") from error
     except HofError as error:
-        raise type(error)(f"{path}: {error.detail}") from error
+        raise error.prefixed(str(path)) from error
     return tally
 
 

@@ -13,10 +13,10 @@ from service.storage.database import objects
 from service.storage.ids import composed_id
 from service.storage.rows import Record
 from service.storage.store import Store
-from service.storage.transfer.content import Tally, digest_of
+from service.storage.transfer.content import Tally
 from service.storage.transfer.copying import copy
 from service.storage.transfer.parquet import export, import_file
-from tests.support.small.store import COLOR, NOW, SPEC, open_store, pair_of
+from tests.support.small.store import COLOR, NOW, SPEC, digests, open_store, pair_of
 from tests.support.systems.postgres import EVERY_DATABASE
 
 IDS = ["0" * 31 + "1", "0" * 31 + "2"]
@@ -43,11 +43,6 @@ async def _fill(store: Store) -> list[str]:
     word = (IDS[0], IDS[1])
     await store.put(Record(composed_id(word), "composed", "m", SPEC, NOW, word, color_spec=COLOR), None)
     return [*IDS, composed_id(word)]
-
-
-async def _digests(store: Store) -> dict[str, str]:
-    entries = await store.entries(0, await store.last_seq())
-    return {entry.record.id: digest_of(entry.record, entry.functions) for entry in entries}
 
 
 @EVERY_DATABASE
@@ -96,7 +91,7 @@ def test_copy_and_parquet_with_float16_keep_digests_and_bytes(database_url: str,
             assert await export(b, tmp_path / "objects.parquet", lambda *_: None) == 3
             async with open_store(f"sqlite:///{tmp_path / 'c.db'}") as c:
                 assert await import_file(c, tmp_path / "objects.parquet", lambda *_: None) == Tally(copied=3)
-                assert await _digests(a) == await _digests(b) == await _digests(c)
+                assert await digests(a) == await digests(b) == await digests(c)
                 assert await _sizes(a) == await _sizes(b) == await _sizes(c)
 
     asyncio.run(scenario())

@@ -1,5 +1,6 @@
 """A service that keeps float16: shipped models, points within a thousandth of the longest side, honest ETags."""
 
+import base64
 import json
 import sqlite3
 import struct
@@ -88,6 +89,15 @@ def test_weights_of_an_object_in_float16_lose_nothing_as_float16(
     assert _theta_bytes(path, again["id"]) == 2 * weights.theta.size
     (length,) = struct.unpack_from("<Q", file)
     assert json.loads(file[8 : 8 + length])["theta"]["dtype"] == "F16"
+
+
+def test_answer_without_storing_has_the_numbers_that_the_object_would_have(
+    clients: tuple[httpx.Client, httpx.Client, Path],
+) -> None:
+    for client in clients[:2]:
+        answer = client.post("/encode?store=false", content=PHOTOS[1].read_bytes()).raise_for_status().json()
+        stored = load(_weights(client, _encode(client, PHOTOS[1]))).theta
+        np.testing.assert_array_equal(np.frombuffer(base64.b64decode(answer["weights"]), "<f4"), stored)
 
 
 def test_etags_of_float16_and_float32_differ(clients: tuple[httpx.Client, httpx.Client, Path]) -> None:

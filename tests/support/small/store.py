@@ -12,6 +12,7 @@ from service.mapping.spec import Color, Functions, MappingSpec, initial_theta
 from service.storage.ids import composed_id, imported_id, interpolated_id
 from service.storage.rows import Record
 from service.storage.store import Store
+from service.storage.transfer.content import digest_of
 
 SPEC = MappingSpec("tiny", 3, (4,), 3, k=2)
 NOW = datetime(2026, 1, 2, 3, 4, 5, 678901, UTC)
@@ -70,3 +71,9 @@ def pair_of(number: int) -> tuple[Record, Functions]:
         has_photo=number == 1,
     )
     return record, Functions(theta, Color(COLOR, initial_theta(COLOR, number)))
+
+
+async def digests(store: Store) -> dict[str, str]:
+    """Return the digest of each object's content, by id."""
+    entries = await store.entries(0, await store.last_seq())
+    return {entry.record.id: digest_of(entry.record, entry.functions) for entry in entries}

@@ -34,6 +34,27 @@ def test_import_keeps_the_spec_and_model_of_the_file(client: httpx.Client) -> No
     assert other["id"] != item["id"]
 
 
+def test_import_again_adds_the_label_that_the_object_lacks_and_changes_none(client: httpx.Client) -> None:
+    files = [
+        dump(Weights(SPEC, initial_theta(SPEC), "elsewhere", label=label), "safetensors")
+        for label in (None, "👩‍🚀 stool", "chair")
+    ]
+    plain = client.post("/objects", content=files[0]).json()
+    labeled = client.post("/objects", content=files[1])
+    assert (labeled.status_code, labeled.json()) == (200, plain | {"label": "👩‍🚀 stool"})
+    assert client.post("/objects", content=files[2]).json() == labeled.json()
+    assert client.get(f"/objects/{plain['id']}").json()["label"] == "👩‍🚀 stool"
+
+
+@pytest.mark.parametrize("label", ["x" * 81, "two\nlines", "\x1b[31m", "\ud800"])
+def test_import_of_a_faulty_label_is_refused(client: httpx.Client, label: str) -> None:
+    file = dump(Weights(SPEC, initial_theta(SPEC), "elsewhere", label=label), "safetensors")
+    answer = client.post("/objects", content=file)
+    assert (answer.status_code, answer.json()["title"]) == (400, "Corrupt weights")
+    assert '"label" in the metadata: the label' in answer.json()["detail"]
+    assert client.get("/objects").json()["items"] == []
+
+
 RELU = MappingSpec("relu", 3, (8,), 3, k=4)
 
 

@@ -8,20 +8,14 @@ import pytest
 
 from service.mapping.spec import Functions
 from service.storage import rows
-from service.storage.store import Store
-from service.storage.transfer.content import Tally, digest_of
+from service.storage.transfer.content import Tally
 from service.storage.transfer.copying import copy
-from tests.support.small.store import PHOTO, fill, open_store, pair_of
+from tests.support.small.store import PHOTO, digests, fill, open_store, pair_of
 from tests.support.systems.postgres import EVERY_DATABASE
 
 
 def _ignore(done: int, total: int) -> None:
     pass
-
-
-async def _digests(store: Store) -> dict[str, str]:
-    entries = await store.entries(0, await store.last_seq())
-    return {entry.record.id: digest_of(entry.record, entry.functions) for entry in entries}
 
 
 @EVERY_DATABASE
@@ -37,7 +31,7 @@ def test_copy_there_and_back_keeps_every_object_and_their_order(database_url: st
                 page, _ = await c.page(10)
                 assert [record.id for record in page] == ids[::-1]
                 assert page == (await a.page(10))[0]
-                assert await _digests(c) == await _digests(a)
+                assert await digests(c) == await digests(a)
                 assert [await c.photo(name) for name in ids] == [None, PHOTO, None, None, None, None]
                 _, functions = await c.get(ids[-1])
                 np.testing.assert_array_equal(functions.theta, (await a.get(ids[-1]))[1].theta)
@@ -61,7 +55,7 @@ def test_copy_that_broke_off_is_continued(database_url: str, tmp_path: Path, mon
                 await copy(a, b, leave)
             assert await b.count() == 4
             assert await copy(a, b, _ignore) == Tally(copied=2, present=4)
-            assert await _digests(b) == await _digests(a)
+            assert await digests(b) == await digests(a)
 
     asyncio.run(scenario())
 
