@@ -1,1 +1,1 @@
-"""Pictures of point clouds."""
+"""Pictures of point clouds and surfaces."""

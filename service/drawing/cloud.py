@@ -52,7 +52,7 @@ def draw(
     shade = np.clip((depth + 0.7) / 1.4, 0, 1)[:, None]  # 1 is nearest
     color = FAR + (NEAR - FAR) * shade if colors is None else colors * (DIMMEST + (1 - DIMMEST) * shade)
     is_ground = visible < 0
-    light = _light(np.where(is_ground, np.float32(BEHIND), depth[visible]))
+    light = eye_dome(np.where(is_ground, np.float32(BEHIND), depth[visible]))
     image = color[visible] * light[..., None]
     image[is_ground] = GROUND
     smooth: Bytes = image.reshape(size, SUPERSAMPLING, size, SUPERSAMPLING, 3).mean(axis=(1, 3)).astype(np.uint8)
@@ -74,7 +74,7 @@ def _visible_points(places: Array, depth: Array, size: int) -> npt.NDArray[np.in
     return visible.reshape(size, size)
 
 
-def _light(depth: Array) -> Array:
+def eye_dome(depth: Array) -> Array:
     """Compute eye-dome lighting (Boucheny 2009), (h, w) -> (h, w): the nearer its neighbors, the darker a pixel."""
     height, width = depth.shape
     nearer = np.zeros_like(depth)

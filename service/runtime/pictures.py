@@ -1,21 +1,23 @@
 """Draw a stored object as a picture or a turntable, and what that costs."""
 
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from service.drawing.cloud import AZIMUTH_DEG, ELEVATION_DEG, draw
+from service.drawing.cloud import AZIMUTH_DEG, ELEVATION_DEG
+from service.drawing.surface import draw_surface
 from service.errors import InvalidParameter
 from service.mapping.frame import Frame
-from service.mapping.spec import Array, Colors, Functions, MappingSpec
+from service.mapping.spec import Functions, MappingSpec
+from service.mapping.surface import Surface
 from service.runtime.cost import cost_of_object
-from service.runtime.options import TURNTABLE_SIZE, PictureOptions, PictureView, PointOptions
-from service.runtime.shapes import cloud_of
+from service.runtime.options import TURNTABLE_SIZE, MeshOptions, PictureOptions, PictureView
+from service.runtime.shapes import functions_for, mesh_of
 from service.storage.rows import Record
 
-PICTURE_POINTS: Final = 40_000  # more cannot be told apart at the largest size
+RESOLUTION: Final = 56  # of the surface; more is hardly seen at the largest size
+TRIANGLES: Final = 20 * RESOLUTION**2
 CAMERAS: Final[dict[PictureView, tuple[float, float]]] = {  # azimuth and elevation, degrees
     "three-quarter": (AZIMUTH_DEG, ELEVATION_DEG),
     "front": (0, 0),
@@ -23,26 +25,18 @@ CAMERAS: Final[dict[PictureView, tuple[float, float]]] = {  # azimuth and elevat
     "back": (180, 0),
     "top": (0, 90),
 }
-DISC_PIXELS: Final = 8  # for each pixel of the picture: the discs of all points, supersampled (service.drawing.cloud)
+FRAGMENTS: Final = 12  # for each pixel of the picture: those of all triangles, supersampled (service.drawing.surface)
 KEPT_PIXELS: Final = 4  # pixels of a finished picture that take as much memory as a point
 TURN_MS: Final = 3600  # of a turntable
 
 
-@dataclass(frozen=True, eq=False)
-class Scene:
-    """The points of a picture, (n, 3) float32, and their colors, (n, 3) uint8, if it has colors."""
-
-    points: Array
-    colors: Colors | None
-
-
 def picture_cost(record: Record, options: PictureOptions) -> int:
-    """Return the cost of a picture, in points of the default model; a disc's pixel takes about as long as a point.
+    """Return the cost of a picture, in points of the default model; a fragment takes about as long as a point.
 
     The pictures of a turntable are drawn one after another, so one is in work at a time, and the others wait in memory.
     """
     cost = cost_of_object(record, in_color=options.color == "auto")
-    return PICTURE_POINTS * cost + (DISC_PIXELS + (options.frames - 1) // KEPT_PIXELS) * options.size**2
+    return TRIANGLES * cost + (FRAGMENTS + (options.frames - 1) // KEPT_PIXELS) * options.size**2
 
 
 def check_turntable(options: PictureOptions) -> None:
@@ -52,15 +46,13 @@ def check_turntable(options: PictureOptions) -> None:
         raise InvalidParameter(detail, field="size")
 
 
-def scene_of(spec: MappingSpec, functions: Functions, frame: Frame, options: PictureOptions) -> Scene:
-    """Compute the points of an object's pictures. Raises CorruptWeights."""
-    cloud = cloud_of(spec, functions, frame, PointOptions(n=PICTURE_POINTS, color=options.color))
-    whole = 0, PICTURE_POINTS
-    return Scene(cloud.points(whole), cloud.colors(whole) if cloud.functions.color else None)
+def scene_of(spec: MappingSpec, functions: Functions, frame: Frame, options: PictureOptions) -> Surface:
+    """Compute the surface of an object's pictures. Raises CorruptWeights."""
+    return mesh_of(spec, functions_for(functions, options.color), frame, MeshOptions(resolution=RESOLUTION))
 
 
-def draw_frame(scene: Scene, options: PictureOptions, index: int) -> npt.NDArray[np.uint8]:
-    """Draw one of `options.frames` pictures of a scene over white, (size, size, 3) uint8, RGB; 0 is the view's own."""
+def draw_frame(scene: Surface, options: PictureOptions, index: int) -> npt.NDArray[np.uint8]:
+    """Draw one of `options.frames` pictures of a surface, (size, size, 3) uint8, RGB; 0 is the view's own."""
     azimuth, elevation = CAMERAS[options.view]
     turned = azimuth + 360 * index / options.frames
-    return draw(scene.points, options.size, turned, elevation, scene.colors)
+    return draw_surface(scene, options.size, turned, elevation)

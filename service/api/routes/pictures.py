@@ -1,4 +1,4 @@
-"""Pictures of an object, as files: drawn from its points, or cut out of its photo."""
+"""Pictures of an object, as files: drawn from its surface, or cut out of its photo."""
 
 from typing import Annotated
 
@@ -27,7 +27,7 @@ router = APIRouter(prefix="/objects", tags=["objects"])
 async def picture(
     request: Request, id_: ObjectId, query: Annotated[PictureQuery, Query()], runtime: ReadyRuntime
 ) -> Response:
-    """Draw the object: 40,000 of its points over white, in color if the object has colors; still, or turning once."""
+    """Draw the object's surface in soft light over white, in its colors if it has any; still, or turning once."""
     fmt = _format_of(request, query)
     check_turntable(query)
     record, frame = await complete_record(runtime, await runtime.store.record(id_), client=client_of(request.scope))
