@@ -176,7 +176,8 @@ def _edge_functions(corners: Array) -> Array:
     b = last[..., 0] - after[..., 0]
     c = after[..., 0] * last[..., 1] - last[..., 0] * after[..., 1]
     with np.errstate(divide="ignore", invalid="ignore"):  # triangles that are seen from their side
-        return np.stack([a, b, c], axis=2) / c.sum(axis=1)[:, None, None]
+        edges: Array = np.stack([a, b, c], axis=2) / c.sum(axis=1)[:, None, None]
+    return edges
 
 
 def _filled(heights: Array, edges: Array, side: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
@@ -222,7 +223,7 @@ def _shaded(surface: Surface, depth: Array, axes: Array) -> Array:
         return plain
     shine = 0.07 * np.maximum(0, normals @ SHINE_LIGHT) ** 12  # shows what is black, too
     lit: Array = (1.15 * light[:, None] * _linear(surface.colors)).astype(np.float32)
-    painted: Array = 255 * np.clip(_encoded(lit) + shine[:, None], 0, 1)
+    painted: Array = (255 * np.clip(_encoded(lit) + shine[:, None], 0, 1)).astype(np.float32)
     return painted
 
 
