@@ -67,6 +67,7 @@ soak: .venv/dev.stamp ## 200,000 mixed requests; writes benchmarks/SOAK.md
 
 replicas: .venv/dev.stamp .venv/system.stamp ## four processes on one database, killed now and then; writes benchmarks/REPLICAS.md
 	$(BIN)/python -m benchmarks.load.replicas
+	$(BIN)/python -m tests.project.quoted_figures
 
 results: .venv/bench.stamp .venv/system.stamp ## build the data set, evaluate the shipped models: RESULTS.md
 	$(BIN)/hof-model data build
