@@ -20,8 +20,8 @@ from service.mapping.frame import Frame
 from service.mapping.sampler import SCALES, Sampler
 from service.mapping.spec import Array, Domain, Functions, MappingSpec, word_of
 
-BORDER: Final = 2048  # probe points on the domain's border
-INTERIOR: Final = 1024  # probe points anywhere in the domain
+BORDER: Final = 4096  # probe points on the domain's border
+INTERIOR: Final = 2048  # probe points anywhere in the domain
 CANDIDATES: Final = 4  # for each of the six directions
 TRIALS: Final = 16  # points around each candidate, in each step
 STEPS: Final = (0.1, 0.05, 0.02, 0.01)  # radius of the search around a candidate
