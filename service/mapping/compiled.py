@@ -48,6 +48,12 @@ class Kernel(Protocol):
         packed : (crossing.sum(), 7).
         """
 
+    def network(self, x: Array, theta: Array, y: Array, instructions: int = ..., /) -> None:
+        """Compute the values of a network with one hidden layer, theta as in `service.mapping.spec`, at points.
+
+        x, y : (3, n); theta : (7 h + 3,); instructions : as for `map`.
+        """
+
     def map(
         self,
         x: Array,

@@ -9,7 +9,7 @@ are computed with it.
 
 from collections.abc import Callable, Sequence
 from functools import cache, cached_property, partial
-from typing import Final, TypeVar
+from typing import Final, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -94,6 +94,12 @@ class NumpyFold:
         self._fold = fold
         self._packed: dict[int, tuple[Array, Array]] = {}
 
+    @classmethod
+    def whole(cls, spec: MappingSpec, theta: Array) -> Self:
+        """Return a network that is not cut."""
+        box = np.ones(3)
+        return cls(Fold(spec, theta, -box, box, 0))
+
     def map(self, x: Array) -> Array:
         """Compute the fold's values at points: (3, n) float32 -> (3, n)."""
         scratch = _Scratch(self._fold.second.shape[1])
@@ -153,6 +159,20 @@ class _Scratch:
             part[:] = output[:, : part.shape[1]]
 
 
+class CompiledNetwork:
+    """A whole network, evaluated by the compiled kernel from theta as it is: nothing is packed for a few points."""
+
+    def __init__(self, spec: MappingSpec, theta: Array, kernel: Kernel) -> None:
+        layers(spec, theta)  # checks theta
+        self._theta, self._kernel = np.ascontiguousarray(theta, np.float32), kernel
+
+    def map(self, x: Array) -> Array:
+        """Compute the network's values at points: (3, n) float32 -> (3, n)."""
+        y = np.empty(x.shape, np.float32)
+        self._kernel.network(np.ascontiguousarray(x), self._theta, y)
+        return y
+
+
 class CompiledFold:
     """A fold, evaluated by the compiled kernel."""
 
@@ -173,6 +193,9 @@ class CompiledFold:
         return y
 
 
+Engine = NumpyFold | CompiledFold | CompiledNetwork
+
+
 class FoldedWord:
     """A word of functions with one hidden layer of ReLUs.
 
@@ -185,10 +208,11 @@ class FoldedWord:
     def __init__(self, spec: MappingSpec, word: Sequence[Array]) -> None:
         self._spec = spec
         self._thetas = word[::-1]  # as applied
-        kernel, box = compiled.load(), np.ones(3)
+        kernel = compiled.load()
         self._engine: type[NumpyFold | CompiledFold] = CompiledFold if kernel else NumpyFold
         self._make = partial(CompiledFold, kernel=kernel) if kernel else NumpyFold
-        self._whole = pack_distinct(lambda theta: self._make(Fold(spec, theta, -box, box, 0)), self._thetas)
+        make = partial(CompiledNetwork, kernel=kernel) if kernel else NumpyFold.whole
+        self._whole: list[Engine] = pack_distinct(partial(make, spec), self._thetas)
 
     def map(self, x: Array, first: int) -> Array:
         """Map canonical points from index `first` on, (3, n) with n > 0, to the object's points, (3, n)."""
@@ -200,10 +224,10 @@ class FoldedWord:
         return np.concatenate([_through(self._whole, x[:, :whole]), _through(self._folded, x[:, whole:])], axis=1)
 
     @cached_property
-    def _folded(self) -> list[NumpyFold | CompiledFold]:
+    def _folded(self) -> list[Engine]:
         """Fold each function over the bounding box of its inputs: the domain, then the previous function's values."""
         high = np.full(3, 1 + MARGIN)
-        low, folded = -high, []
+        low, folded = -high, list[Engine]()
         points = canonical_points(self._spec.domain, PROBE).T
         for theta, whole in zip(self._thetas, self._whole, strict=True):
             grid = self._engine.GRID if np.isfinite(high - low).all() else 0
@@ -214,7 +238,7 @@ class FoldedWord:
         return folded
 
 
-def _through(functions: Sequence[NumpyFold | CompiledFold], x: Array) -> Array:
+def _through(functions: Sequence[Engine], x: Array) -> Array:
     for function in functions:
         x = function.map(x)
     return x

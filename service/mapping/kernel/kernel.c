@@ -20,7 +20,7 @@
 
 /* maxps returns its second operand if one of the two is NaN. */
 #define NAME(f) f##_avx512
-#define TARGET __attribute__((target("avx512f,avx512vl,avx512dq,avx512bw,fma,prefer-vector-width=512")))
+#define TARGET __attribute__((target("avx512f,avx512vl,avx512dq,avx512bw,fma")))
 #define LANES 16
 #define VECTORS 2
 #define RELU(u) _mm512_max_ps(_mm512_setzero_ps(), u)
@@ -300,6 +300,15 @@ static int map_points(const Set *set, const Fold *fold, const float *x, int64_t 
     return enough;
 }
 
+/* Return whether the processor has an instruction set; if not, with ValueError. */
+static int is_set(int index)
+{
+    if (index >= best_set() && index < SETS)
+        return 1;
+    PyErr_Format(PyExc_ValueError, "there is no instruction set %d on this processor", index);
+    return 0;
+}
+
 /* Return whether each cell's units lie within the packed ones. */
 static int are_starts(const int64_t *starts, Py_ssize_t cells, Py_ssize_t units)
 {
@@ -321,10 +330,9 @@ static PyObject *map(PyObject *module, PyObject *arguments)
 
     (void)module;
     if (!PyArg_ParseTuple(arguments, "OOOiOOOO|i:map", &x_object, &origin_object, &per_unit_object, &fold.grid,
-                          &starts_object, &packed_object, &affine_object, &y_object, &index))
+                          &starts_object, &packed_object, &affine_object, &y_object, &index) ||
+        !is_set(index))
         return NULL;
-    if (index < best_set() || index >= SETS)
-        return PyErr_Format(PyExc_ValueError, "there is no instruction set %d on this processor", index);
     if (fold.grid < 0 || fold.grid > MOST_CELLS_A_SIDE)
         return PyErr_Format(PyExc_ValueError, "grid is %d; 0 to %d is needed", (int)fold.grid, MOST_CELLS_A_SIDE);
     cells = (Py_ssize_t)fold.grid * fold.grid * fold.grid + 1;
@@ -351,9 +359,59 @@ static PyObject *map(PyObject *module, PyObject *arguments)
     return PyErr_Occurred() ? NULL : Py_NewRef(Py_None);
 }
 
+/* Compute a whole network from theta, which is W (h, 3), b (h), V (3, h) and c (3); false without memory. */
+static int map_network(const Set *set, const float *theta, int64_t h, const float *x, int64_t n, float *y)
+{
+    const float *b = theta + 3 * h, *v = b + h, *c = v + 3 * h;
+    const float affine[12] = {0, 0, 0, c[0], 0, 0, 0, c[1], 0, 0, 0, c[2]};
+    float *packed = malloc((size_t)(ROW * h + 1) * sizeof(float));
+    if (packed) {
+        for (int64_t i = 0; i < h; i++) {
+            float *unit = packed + ROW * i;
+            memcpy(unit, theta + 3 * i, 3 * sizeof(float));
+            unit[3] = b[i];
+            for (int axis = 0; axis < 3; axis++)
+                unit[4 + axis] = v[axis * h + i];
+        }
+        const Cell cell = {packed, h, affine};
+        set->fold_cell(&cell, (const float *const[]){x, x + n, x + 2 * n}, (float *const[]){y, y + n, y + 2 * n}, n);
+    }
+    free(packed);
+    return packed != NULL;
+}
+
+static PyObject *network(PyObject *module, PyObject *arguments)
+{
+    PyObject *x_object, *theta_object, *y_object;
+    Buffers buffers = {.count = 0};
+    Py_ssize_t three = 3, n = -1, size = -1;
+    int index = best_set(), enough = 1;
+    const float *x, *theta;
+    float *y;
+
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "OOO|i:network", &x_object, &theta_object, &y_object, &index) || !is_set(index))
+        return NULL;
+    if ((x = TAKE(x, "float32", READ, &three, &n)) && (theta = TAKE(theta, "float32", READ, &size)) &&
+        (y = TAKE(y, "float32", WRITE, &three, &n))) {
+        if (size < 3 || (size - 3) % ROW)
+            PyErr_Format(PyExc_ValueError, "theta has %zd numbers; a multiple of 7, and 3, is needed", size);
+        else {
+            Py_BEGIN_ALLOW_THREADS
+            enough = map_network(&sets[index], theta, (size - 3) / ROW, x, n, y);
+            Py_END_ALLOW_THREADS
+        }
+    }
+    release(&buffers);
+    if (!enough)
+        return PyErr_NoMemory();
+    return PyErr_Occurred() ? NULL : Py_NewRef(Py_None);
+}
+
 static PyMethodDef methods[] = {
     {"uniform", uniform, METH_VARARGS, NULL},
     {"pack", pack, METH_VARARGS, NULL},
+    {"network", network, METH_VARARGS, NULL},
     {"map", map, METH_VARARGS, NULL},
     {NULL, NULL, 0, NULL},
 };

@@ -9,7 +9,7 @@ from service.mapping import compiled
 from service.mapping.canonical import span
 from service.mapping.compiled import Kernel
 from service.mapping.folding import CompiledFold, Fold, NumpyFold
-from service.mapping.spec import Array, MappingSpec, initial_theta
+from service.mapping.spec import Array, MappingSpec, apply, initial_theta
 from tests.service.mapping.engines import built_kernel, instruction_sets, needs_kernel
 
 pytestmark = needs_kernel
@@ -53,6 +53,18 @@ def test_map_gives_the_values_of_numpy(width: int, grid: int, n: int, instructio
     x = np.random.default_rng(n).uniform(-1.5, 1.5, (3, n)).astype(np.float32)  # most cells of a few points are empty
     expected = NumpyFold(fold).map(x.copy())
     np.testing.assert_allclose(OneSet(fold, instructions).map(x), expected, rtol=0, atol=EXACT * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("width", [1, 64, 65, 500])
+@pytest.mark.parametrize("n", [1, 31, 97])
+def test_network_gives_the_values_of_the_mapping(width: int, n: int, instructions: int) -> None:
+    spec = MappingSpec("one layer", 3, (width,), 3)
+    theta = initial_theta(spec, n)
+    theta += np.random.default_rng(n).normal(0, 0.05, theta.size).astype(np.float32)
+    x = np.random.default_rng(n).uniform(-1.5, 1.5, (3, n)).astype(np.float32)
+    y, expected = np.full_like(x, np.nan), apply(spec, theta, np.ascontiguousarray(x.T)).T
+    built_kernel().network(x, theta, y, instructions)
+    np.testing.assert_allclose(y, expected, rtol=0, atol=EXACT * np.abs(expected).max())
 
 
 def test_map_gives_a_point_the_same_bits_among_any_others(instructions: int) -> None:
@@ -167,6 +179,14 @@ def test_map_of_wrong_arguments_raises_value_error(change: dict[str, Any], messa
     [
         ("uniform", (0, 0, np.zeros((4, 3), np.float32)), "u has 3 columns; an even number is needed"),
         ("uniform", (0, 0, np.zeros((3, 4), np.float32)), "u has length 3 in dimension 0; 4 is needed"),
+        (
+            "network",
+            (np.zeros((3, 2), np.float32), np.zeros(11, np.float32), np.zeros((3, 2), np.float32)),
+            "11 numbers",
+        ),
+        ("network", (np.zeros((3, 2), np.float32), np.zeros(2, np.float32), np.zeros((3, 2), np.float32)), "2 numbers"),
+        ("network", (np.zeros((3, 2), np.float32), np.zeros(10), np.zeros((3, 2), np.float32)), "1 of float32"),
+        ("network", (np.zeros((3, 2), np.float32), np.zeros(10, np.float32), np.zeros((3, 1), np.float32)), "length 1"),
         ("pack", ((2, 3), (3, 7), 3, (5, 7)), "packed has 5 rows; 6 are needed"),
         ("pack", ((2, 3), (3, 7), 3, (7, 7)), "packed has 7 rows; 6 are needed"),
         ("pack", ((2, 3), (4, 7), 3, (6, 7)), "units has length 4"),
@@ -184,7 +204,7 @@ def test_wrong_arguments_raise_value_error(function: str, arguments: tuple[Any, 
 
 def test_wrong_number_of_arguments_raises_type_error() -> None:
     kernel: Any = built_kernel()
-    for function in (kernel.map, kernel.pack, kernel.uniform):
+    for function in (kernel.map, kernel.network, kernel.pack, kernel.uniform):
         with pytest.raises(TypeError):
             function()
 
