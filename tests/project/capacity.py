@@ -86,6 +86,6 @@ def updated(text: str) -> str:
     for heading, lines in ((COSTS, cost_rows()), (NEEDS, need_rows())):
         old = section(text, heading)
         before, separator, rest = re.split(r"(^(?:\|-+)+\|\n)", old, maxsplit=1, flags=re.MULTILINE)
-        after = rest[rest.index("\n\n") :] if rest.startswith("|") else f"\n{rest}"
-        text = text.replace(old, before + separator + "\n".join(lines) + after)
+        after = re.sub(r"\A(\|.*\n)*", "", rest)
+        text = text.replace(old, before + separator + "".join(f"{line}\n" for line in lines) + after)
     return text
