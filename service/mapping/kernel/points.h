@@ -49,7 +49,8 @@ TARGET INLINE void NAME(fold_tile)(const int vectors, const Cell *cell, const fl
         const float *t = cell->affine + 4 * axis;
         float *to = whole ? out[axis] + at : spare[axis];
         for (int v = 0; v < vectors; v++)
-            *(Vector *)(to + v * LANES) = total[axis][v] + (t[0] * x[0][v] + (t[1] * x[1][v] + (t[2] * x[2][v] + t[3])));
+            *(Vector *)(to + v * LANES) =
+                total[axis][v] + (t[0] * x[0][v] + (t[1] * x[1][v] + (t[2] * x[2][v] + t[3])));
         if (!whole)
             memcpy(out[axis] + at, spare[axis], (size_t)count * sizeof(float));
     }
@@ -75,13 +76,14 @@ TARGET static void NAME(find_cells)(const Fold *fold, const float *restrict x, i
         const float b = (x[n + i] - fold->origin[1]) * fold->per_unit[1];
         const float c = (x[2 * n + i] - fold->origin[2]) * fold->per_unit[2];
         const int inside = (a >= 0) & (a < edge) & (b >= 0) & (b < edge) & (c >= 0) & (c < edge); /* not for NaN */
-        const int32_t place = ((int32_t)(inside ? a : 0) * grid + (int32_t)(inside ? b : 0)) * grid + (int32_t)(inside ? c : 0);
-        cell[i] = inside ? place : outside;
+        const int32_t row = (int32_t)(inside ? a : 0) * grid + (int32_t)(inside ? b : 0);
+        cell[i] = inside ? row * grid + (int32_t)(inside ? c : 0) : outside;
     }
 }
 
 /* Bring values, which are in the order of the cells, back to the order of the points. */
-TARGET static void NAME(restore)(const int32_t *restrict place, const float *restrict sorted, int64_t n, float *restrict y)
+TARGET static void NAME(restore)(const int32_t *restrict place, const float *restrict sorted, int64_t n,
+                                 float *restrict y)
 {
     for (int64_t i = 0; i < n; i++)
         y[i] = sorted[place[i]];
