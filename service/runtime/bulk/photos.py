@@ -1,10 +1,12 @@
 """Encode photos in a worker process: each becomes a row, also one that cannot be encoded."""
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
+from typing import Final
 
 from service.encoding.encoder import Encoder
 from service.encoding.framing import Background, preprocess
@@ -15,6 +17,8 @@ from service.runtime.bulk import s3
 from service.runtime.inputs.photos import photo_id, photo_record
 from service.storage.rows import Entry
 from service.storage.transfer.table import Item
+
+READERS: Final = 4  # photos in S3 that are read at a time: each waits for the network, mostly
 
 
 @dataclass(frozen=True)
@@ -34,8 +38,17 @@ class Setup:
 
 
 def encode_photos(setup: Setup, sources: Sequence[str]) -> list[Item]:
-    """Encode photos, one after the other, on one thread. Raises ConnectionError if S3 cannot be used."""
-    return [_encode(setup, source) for source in sources]
+    """Encode photos, one after the other, on one thread; those in S3 are read ahead on others.
+
+    Raises
+    ------
+    ConnectionError : S3 cannot be used.
+    """
+    if not any(map(s3.is_url, sources)):
+        return [_encode(setup, source, partial(_read, source, setup.max_bytes)) for source in sources]
+    with ThreadPoolExecutor(READERS) as readers:
+        reads = [readers.submit(_read, source, setup.max_bytes) for source in sources]
+        return [_encode(setup, source, read.result) for source, read in zip(sources, reads, strict=True)]
 
 
 def failed(source: str, error: str, sha256: str | None = None) -> Item:
@@ -54,10 +67,10 @@ def opened(setup: Setup) -> tuple[Encoder, Matting | None]:
     return Encoder.open(setup.model, threads=1), Matting.of(setup.matting_model, threads=1)
 
 
-def _encode(setup: Setup, source: str) -> Item:
+def _encode(setup: Setup, source: str, read: Callable[[], bytes]) -> Item:
     digest = None
     try:
-        image = _read(source, setup.max_bytes)
+        image = read()
         digest = hashlib.sha256(image).hexdigest()
         return Item(_object(setup, image), shown(source), digest)
     except HofError as error:

@@ -9,9 +9,10 @@ import pytest
 
 from service.cli.main import main
 from service.runtime.bulk import encoding, s3, workers
+from service.runtime.bulk.photos import Setup, encode_photos
 from service.runtime.bulk.pieces import Pieces
 from tests.support.photos import disc, image_file
-from tests.support.systems.s3 import S3, running_s3
+from tests.support.systems.s3 import S3, running_s3, server_of_pairs
 
 PHOTOS = ("photos/b c%20ü.png", "photos/d.JPG", "photos/2024/a.png", "photos/2024/z/q.png")
 OTHERS = ("photos/notes.txt", "photos/.hidden.png", "photos/.cache/x.png", "other/x.png", "photos.png")
@@ -112,6 +113,18 @@ def test_encode_many_that_loses_its_keys_ends_with_an_error_and_continues_later(
         bucket.put(f"shop/{name}", image_file(disc("red")))
     assert _encode("list.txt") == 0
     assert pq.read_table("objects.parquet")["error"].null_count == len(names)
+
+
+def test_photos_in_s3_are_read_at_the_same_time(model_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with server_of_pairs(image_file(disc("red"))) as url:
+        monkeypatch.setenv("AWS_ENDPOINT_URL", url)
+        monkeypatch.setenv("AWS_ACCESS_KEY_ID", "key")
+        monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "secret")
+        s3._filesystem.cache_clear()
+        setup = Setup(model_path, None, "auto", None, 200_000, 1_000_000)
+        rows = encode_photos(setup, [f"s3://shop/{number}.png" for number in range(8)])
+    s3._filesystem.cache_clear()
+    assert [row.error for row in rows] == [None] * 8
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,12 @@
 """moto's S3 server, on loopback, in an environment of its own: it pins other versions of our requirements."""
 
 import subprocess
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Final
 from urllib.parse import quote
 
@@ -12,6 +15,7 @@ import httpx
 from tests.support import ROOT
 from tests.support.processes import START_TIMEOUT_S, free_port
 
+PAIR_S: Final = 60  # longest wait for another read
 PROGRAM: Final = ROOT / ".venv" / "s3" / "bin" / "moto_server"
 
 
@@ -65,3 +69,38 @@ def _wait(url: str, process: subprocess.Popen[bytes]) -> None:
             time.sleep(0.05)
         else:
             return
+
+
+@contextmanager
+def server_of_pairs(content: bytes) -> Iterator[str]:
+    """Serve one object under each name, and answer a read only beside another one."""
+    pair = threading.Barrier(2)
+
+    class Handler(BaseHTTPRequestHandler):
+        protocol_version = "HTTP/1.1"
+
+        def do_HEAD(self) -> None:
+            self.send_response(HTTPStatus.OK)
+            self.send_header("Content-Length", str(len(content)))
+            self.end_headers()
+
+        def do_GET(self) -> None:
+            try:
+                pair.wait(PAIR_S)
+            except threading.BrokenBarrierError:
+                self.send_error(HTTPStatus.NOT_FOUND)
+                return
+            self.do_HEAD()
+            self.wfile.write(content)
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        try:
+            yield f"http://127.0.0.1:{server.server_port}"
+        finally:
+            server.shutdown()
+            thread.join()

@@ -5,6 +5,7 @@ import os
 import signal
 from collections.abc import Iterator
 from functools import partial
+from multiprocessing import spawn
 from pathlib import Path
 
 import pytest
@@ -82,7 +83,7 @@ def test_encoded_with_a_photo_that_kills_each_process_before_it_names_the_job_co
 def test_encoded_with_processes_that_cannot_start_ends_with_an_error(
     encode: workers.Encode, names: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(multiprocessing.spawn, "_python_exe", b"/bin/false")
+    monkeypatch.setattr(spawn, "_python_exe", b"/bin/false")
     with pytest.raises(ChildProcessError, match="die as they start"):
         list(encoded(encode, names, 2))
     assert not multiprocessing.active_children()
