@@ -4,10 +4,11 @@ VTK has crashed whole processes on single meshes. Pebble replaces a worker proce
 """
 
 import multiprocessing
+from collections import deque
 from collections.abc import Callable, Generator, Iterable, Sequence
-from concurrent.futures import Future, as_completed
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from typing import Final, Generic, TypeVar
 
@@ -15,6 +16,8 @@ from pebble import ProcessExpired, ProcessPool
 from tqdm import tqdm
 
 Job = TypeVar("Job")
+JOBS_AHEAD: Final = 4  # for each process
+POLL_S: Final = 1.0
 CRASHED: Final = "the worker process crashed"
 
 
@@ -69,14 +72,27 @@ def run_isolated(
 def _ended(
     function: Callable[[Job], str | None], jobs: Sequence[Job], processes: int, timeout_s: float
 ) -> Generator[tuple[Job, "Future[str | None]"], None, None]:
-    """Yield the jobs of a pool as they end. A worker that dies before it has named its job breaks the pool."""
+    """Yield the jobs of a pool as they end; those that a broken pool leaves undone with BrokenProcessPool.
+
+    A worker that dies before it has named its job breaks the pool.
+    """
     pool = ProcessPool(processes, context=multiprocessing.get_context("spawn"))
+    queue, running = deque(jobs), dict[Future[str | None], Job]()
     try:
-        futures: dict[Future[str | None], Job] = {
-            pool.schedule(function, (job,), timeout=timeout_s): job for job in jobs
-        }
-        for future in as_completed(futures):
-            yield futures[future], future
+        while queue or running:
+            with suppress(RuntimeError):  # a broken pool takes no jobs
+                while queue and len(running) < JOBS_AHEAD * processes:
+                    running[pool.schedule(function, (queue[0],), timeout=timeout_s)] = queue[0]
+                    queue.popleft()
+            done = wait(running, POLL_S, FIRST_COMPLETED).done
+            for future in [each for each in running if each in done]:
+                yield running.pop(future), future
+            if not done and not pool.active:
+                break
+        for job in (*running.values(), *queue):
+            lost: Future[str | None] = Future()
+            lost.set_exception(BrokenProcessPool("the pool broke before the job had begun"))
+            yield job, lost
     finally:
         pool.stop()  # type: ignore[no-untyped-call]
         pool.join()

@@ -186,3 +186,11 @@ def _wait(url: str, server: subprocess.Popen[bytes]) -> None:
                 return
         time.sleep(0.1)
     raise RuntimeError(f"{server.args!r} was not ready after {START_TIMEOUT_S} s")
+
+
+def dying_python(folder: Path) -> bytes:
+    """Write a program that is Python, but kills itself where multiprocessing starts it to work; return its path."""
+    program = folder / "python"
+    program.write_text(f'#!/bin/sh\ncase "$*" in *spawn_main*) kill -9 $$;; esac\nexec {sys.executable} "$@"\n')
+    program.chmod(0o700)
+    return os.fsencode(program)

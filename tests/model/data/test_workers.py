@@ -6,12 +6,14 @@ import time
 from collections.abc import Generator, Sequence
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import spawn
 from pathlib import Path
 
 import pytest
 
 from model.data import workers
 from model.data.workers import run_isolated, run_with_report
+from tests.support.processes import dying_python
 from tests.support.small.jobs import wait_unless_ready, work
 
 
@@ -52,6 +54,16 @@ def test_run_isolated_with_pools_that_break_before_a_job_ends_runs_the_rest_in_o
     outcomes = [(outcome.job, outcome.failure) for outcome in run_isolated(work, (1, 4, 0), processes=1)]
     assert outcomes == [(1, workers.CRASHED), (4, None), (0, workers.CRASHED)]
     assert [list(jobs) for jobs in pools] == [[1, 4, 0], [4, 0], [0]]
+
+
+def test_run_isolated_with_processes_that_die_as_they_start_fails_every_job(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(spawn, "_python_exe", dying_python(tmp_path))
+    jobs = [10_000 + number for number in range(30)]
+    outcomes = [(outcome.job, outcome.failure) for outcome in run_isolated(work, jobs, processes=2)]
+    assert outcomes == [(job, workers.CRASHED) for job in jobs]
+    assert not multiprocessing.active_children()
 
 
 def test_run_isolated_closed_early_leaves_no_process_behind(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from service.runtime.bulk import workers
 from service.runtime.bulk.photos import Setup, encode_photos
 from service.runtime.bulk.workers import encoded
 from tests.support.photos import disc, image_file
+from tests.support.processes import dying_python
 from tests.support.small.slow_photos import DeadlyName
 
 
@@ -81,9 +82,9 @@ def test_encoded_with_a_photo_that_kills_each_process_before_it_names_the_job_co
 
 
 def test_encoded_with_processes_that_cannot_start_ends_with_an_error(
-    encode: workers.Encode, names: list[str], monkeypatch: pytest.MonkeyPatch
+    encode: workers.Encode, names: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(spawn, "_python_exe", b"/bin/false")
+    monkeypatch.setattr(spawn, "_python_exe", dying_python(tmp_path))
     with pytest.raises(ChildProcessError, match="die as they start"):
         list(encoded(encode, names, 2))
     assert not multiprocessing.active_children()
