@@ -77,12 +77,12 @@ def draw_surface(surface: Surface, size: int, azimuth: float = AZIMUTH_DEG, elev
     side = SUPERSAMPLING * size
     viewed = surface.vertices @ axes.T
     triangles = without_long(surface.vertices, surface.triangles)
-    seen = _rasterize(viewed, _without_hidden(viewed, triangles, side // COARSER), side)
+    raster = _rasterize(viewed, _without_hidden(viewed, triangles, side // COARSER), side)
     depth = np.full(side * side, BEHIND, np.float32)
-    depth[seen.pixels] = seen.mean(viewed[:, 2])
+    depth[raster.pixels] = raster.mean(viewed[:, 2])
     image = np.repeat(_ground(surface.vertices, side, axes)[:, None], 3, axis=1)
-    light = _edges(depth.reshape(side, side)).ravel()[seen.pixels]
-    image[seen.pixels] = seen.mean(_shaded(surface, viewed[:, 2], axes)) * light[:, None]
+    light = _edges(depth.reshape(side, side)).ravel()[raster.pixels]
+    image[raster.pixels] = raster.mean(_shaded(surface, viewed[:, 2], axes)) * light[:, None]
     smooth = image.reshape(size, SUPERSAMPLING, size, SUPERSAMPLING, 3).mean(axis=(1, 3)).round()
     drawn: Bytes = smooth.astype(np.uint8)
     return drawn

@@ -111,7 +111,7 @@ def test_pixels_of_triangles_are_those_whose_middles_they_hold() -> None:
     """The same by testing every pixel against every triangle."""
     viewed = np.random.default_rng(7).uniform(-0.8, 0.8, (30, 3)).astype(np.float32)
     triangles = np.arange(30, dtype=np.uint32).reshape(10, 3)
-    seen = drawing._rasterize(viewed, triangles, 60)
+    raster = drawing._rasterize(viewed, triangles, 60)
     places = drawing._places(viewed, 60).astype(np.float64)
     expected = np.full(3600, -1)
     y, x = np.divmod(np.arange(3600), 60)
@@ -121,7 +121,7 @@ def test_pixels_of_triangles_are_those_whose_middles_they_hold() -> None:
             sides.append((bx - ax) * (y - ay) - (by - ay) * (x - ax))
         inside = (np.array(sides) >= 0).all(axis=0) | (np.array(sides) <= 0).all(axis=0)
         expected[inside] = number
-    assert (seen.pixels == np.flatnonzero(expected >= 0)).all()
-    assert (seen.corners[:, 0] // 3 == expected[seen.pixels]).all()
-    assert seen.weights.sum(axis=1) == pytest.approx(1, abs=1e-4)
-    assert seen.mean(drawing._places(viewed, 60))[:, 0] == pytest.approx(x[seen.pixels], abs=1e-2)
+    assert (raster.pixels == np.flatnonzero(expected >= 0)).all()
+    assert (raster.corners[:, 0] // 3 == expected[raster.pixels]).all()
+    assert raster.weights.sum(axis=1) == pytest.approx(1, abs=1e-4)
+    assert raster.mean(drawing._places(viewed, 60))[:, 0] == pytest.approx(x[raster.pixels], abs=1e-2)
