@@ -199,7 +199,7 @@ export interface paths {
         };
         /**
          * Picture
-         * @description Draw the object: 40,000 of its points over white, in color if the object has colors; still, or turning once.
+         * @description Draw the object's surface in soft light over white, in its colors if it has any; still, or turning once.
          */
         get: operations["picture_objects__id__picture_get"];
         put?: never;
