@@ -7,8 +7,10 @@ set -euo pipefail
 
 missing=()
 for tool in node npm gcc curl chromium firefox-esr xvfb-run xauth; do
-    command -v "$tool" >/dev/null || missing+=("$(sed 's/^node$/nodejs/; s/^xvfb-run$/xvfb/' <<<"$tool")")
+    command -v "$tool" >/dev/null || missing+=("$(sed 's/^node$/nodejs/; s/^xvfb-run$/xvfb/; s/^gcc$/gcc libc6-dev/' <<<"$tool")")
 done
+python=$(command -v .venv/bin/python || echo python3)
+[ -f "$("$python" -c 'import sysconfig; print(sysconfig.get_path("include"))')/Python.h" ] || missing+=(python3-dev)
 compgen -G '/usr/lib/postgresql/*/bin/initdb' >/dev/null || command -v initdb >/dev/null || missing+=(postgresql)
 for tool in pgbouncer nginx; do
     PATH="$PATH:/usr/sbin" command -v "$tool" >/dev/null || missing+=("$tool")
