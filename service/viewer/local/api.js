@@ -8,7 +8,6 @@ import { pictureOf } from "./picture.js";
 import { Store } from "./store.js";
 import { points } from "./points.js";
 
-const ADDRESS = /^#\/objects\/(\w+)$/; // of an object, after the page's own
 const MODEL = "hof1-k2";
 const FORMATS = { mesh: ["glb"], points: ["ply", "glb", "f32"], weights: ["safetensors"] }; // that files.js writes
 
@@ -63,11 +62,6 @@ async function decoded(photo) {
   }
 }
 
-/** The id in the page's address; undefined without one. */
-export function addressedId() {
-  return ADDRESS.exec(location.hash)?.[1];
-}
-
 /** Objects are kept in this tab alone, so no other page can show them. */
 export async function isEmbeddable() {
   return false;
@@ -91,11 +85,6 @@ export async function deleteObject(id) {
 /** Return all objects, newest first: {items, next}. */
 export async function listObjects() {
   return { items: store.list(), next: null };
-}
-
-/** The word of objects, the last one applied first, for `compose`. */
-export function wordBody(objects) {
-  return JSON.stringify({ objects: objects.map(({ id }) => id) });
 }
 
 /** Make the object of a word. */
@@ -130,16 +119,6 @@ export async function fetchBytes(path, signal) {
   const { blob } = await fetchFile(path);
   signal?.throwIfAborted();
   return blob.arrayBuffer();
-}
-
-/** The path of an object's file; `of` is `points`, `mesh` or `weights`. */
-export function filePath(object, of, query) {
-  return `objects/${object.id}/${of}?${new URLSearchParams(query)}`;
-}
-
-/** Bytes of one point of the object in a stream: three float32, and blue, green, red, 0 if it has a color. */
-export function bytesPerPoint(object) {
-  return object.color ? 16 : 12;
 }
 
 /** Compute points, colored if the object is, and pass their bytes (Uint8Array) to `take` part by part. */

@@ -1,16 +1,26 @@
 // Files of an object, as the service's calls of the same names write them.
 import { pointsGlb, pointsPly, sample, sampleColors, surfaceGlb, surfaceOf, writeFunctions } from "hof-client";
 
+let latest = {}; // {functions, inColor, surface}: switching between points and surface computes nothing again
+
 /** Write a file. `entry`: of the store; `of`: `mesh`, `points` or `weights`; `query`: as the service takes it. */
 export function fileOf({ object, functions, word }, of, { format, n, seed, color }) {
   if (of === "weights") return writeFunctions(functions, object.model, word);
   const shown = color === "none" ? plain(functions) : functions;
-  if (of === "mesh") return surfaceGlb(surfaceOf(shown));
+  if (of === "mesh") return surfaceGlb(surfaceFor(functions, shown));
   const options = { seed: BigInt(seed) };
   const points = sample(shown, Number(n), options);
   if (format === "f32") return points;
   const colors = sampleColors(shown, Number(n), options);
   return format === "glb" ? pointsGlb(points, colors) : pointsPly(points, colors);
+}
+
+function surfaceFor(functions, shown) {
+  const inColor = shown === functions;
+  if (latest.functions !== functions || latest.inColor !== inColor) {
+    latest = { functions, inColor, surface: surfaceOf(shown) };
+  }
+  return latest.surface;
 }
 
 function plain({ colorSpec: _, ...functions }) {

@@ -95,6 +95,23 @@ def test_model_of_two_can_be_chosen(page: Page, browser: Browser, tmp_path: Path
         assert curl_line(page, "encode").endswith('/encode?keep_photo=true"')
 
 
+def test_model_for_points_is_not_offered_for_photos(browser: Browser, model_path: Path, tmp_path: Path) -> None:
+    spec = MappingSpec("tiny", 3, (16,), 3, k=4)
+    other = tiny_model.build(tmp_path / "tiny-k4.onnx", spec, meta=tiny_model.metadata(spec, "tiny-k4"))
+    models = (tiny_model.build_points(tmp_path / "tiny-k2-points.onnx"), model_path, other)
+    settings = Settings(model=models, database_url=f"sqlite:///{tmp_path / 'hof.db'}", matting_model=None)
+    with running(settings) as server, browser.new_context() as context:
+        page = context.new_page()
+        page.goto(f"http://127.0.0.1:{server.port}/")
+        page.get_by_text("Advanced").click()
+        expect(page.get_by_label("Model")).to_be_visible(timeout=TIMEOUT_MS)
+        assert len(httpx.get(f"http://127.0.0.1:{server.port}/models").json()["models"]) == 3
+        values = page.locator("#model option").evaluate_all("(options) => options.map(({ value }) => value)")
+        assert values == ["", "tiny-k4"]
+        page.set_input_files("#file", photo("chair"))
+        expect(page.locator("#about")).to_contain_text("k = 2, of tiny-k2", timeout=TIMEOUT_MS)
+
+
 def test_photo_that_is_dropped_is_encoded(page: Page) -> None:
     page.evaluate("""async () => {
         const content = await (await fetch("/viewer/photos/chair.webp")).blob();

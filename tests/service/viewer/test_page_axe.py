@@ -1,13 +1,18 @@
-"""Every state of the page, light and dark, on a desk and on phones: axe finds nothing, and nothing sticks out."""
+"""Every state of the page and of /embed, light and dark, on a desk and on phones: axe finds nothing, and nothing sticks out."""
 
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import httpx
 import pytest
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Browser, BrowserContext, Page, expect
 
-from tests.support.browsing import PICTURES, TRIANGLES, opened, photo
+from service.api.keys import make_key
+from service.settings import Settings
+from tests.support.browsing import PICTURES, QUICK_LOOK, TIMEOUT_MS, TRIANGLES, opened, photo
+from tests.support.server import running
 
 AXE = Path(__file__).parent / "tools" / "node_modules" / "axe-core" / "axe.min.js"
 RULES = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]
@@ -26,10 +31,16 @@ def look(request: pytest.FixtureRequest) -> tuple[int, int, str]:
 @pytest.fixture
 def visitor(browser: Browser, address: str, look: tuple[int, int, str]) -> Iterator[Page]:
     """Open the page at a size, light or dark."""
+    with _context(browser, look) as context:
+        yield opened(context.new_page(), address)
+
+
+@contextmanager
+def _context(browser: Browser, look: tuple[int, int, str]) -> Iterator[BrowserContext]:
     width, height, scheme = look
     options: dict[str, Any] = {"viewport": {"width": width, "height": height}, "color_scheme": scheme}
-    with browser.new_context(**options, has_touch=width < 500) as context:
-        yield opened(context.new_page(), address)
+    with browser.new_context(**options, has_touch=width < 500, reduced_motion="reduce") as context:
+        yield context
 
 
 def _points(page: Page) -> None:
@@ -117,20 +128,71 @@ STATES: dict[str, State] = {
 
 
 def test_states_have_no_fault_that_axe_finds_and_nothing_sticks_out(visitor: Page, look: tuple[int, int, str]) -> None:
-    page = visitor
-    assert AXE.is_file(), f"run `npm ci --prefix {AXE.parents[2]}`"
-    page.evaluate(AXE.read_text("utf-8"))
-    width = page.evaluate("innerWidth")
     faults = []
     for name, reach in STATES.items():
-        reach(page)
-        page.screenshot(path=PICTURES / f"state-{name}-{width}-{look[2]}.png", full_page=True)
-        report = page.evaluate("(values) => axe.run({ runOnly: { type: 'tag', values } })", RULES)
-        faults += [
-            f"{name}: {each['id']}: {node['target']} {node['failureSummary']}"
-            for each in report["violations"]
-            for node in each["nodes"]
-        ]
-        if page.evaluate("document.documentElement.scrollWidth") > width:
-            faults.append(f"{name}: sticks out")
+        reach(visitor)
+        faults += _faults(visitor, name, look)
     assert faults == []
+
+
+def test_object_in_a_frame_and_its_error_have_no_fault_that_axe_finds(
+    browser: Browser, address: str, look: tuple[int, int, str]
+) -> None:
+    id_ = httpx.get(f"{address}/objects").json()["items"][0]["id"]
+    with _context(browser, look) as context:
+        page = context.new_page()
+        page.goto(f"{address}/embed#/objects/{id_}")
+        expect(page.locator("#empty")).to_be_hidden(timeout=TIMEOUT_MS)
+        faults = _faults(page, "embed", look)
+        page.goto("about:blank")
+        page.goto(f"{address}/embed#/objects/{'0' * 32}")
+        expect(page.locator("#empty")).to_contain_text("Not found", timeout=TIMEOUT_MS)
+        assert faults + _faults(page, "embed-unknown", look) == []
+
+
+def test_controls_of_augmented_reality_have_no_fault_that_axe_finds(
+    browser: Browser, address: str, look: tuple[int, int, str]
+) -> None:
+    with _context(browser, look) as context:
+        page = context.new_page()
+        page.add_init_script(QUICK_LOOK)
+        opened(page, address)
+        expect(page.locator("#ar")).to_be_visible()
+        assert _faults(page, "ar", look) == []
+
+
+def test_key_dialog_has_no_fault_that_axe_finds(
+    browser: Browser, model_path: Path, tmp_path: Path, look: tuple[int, int, str]
+) -> None:
+    _, key = make_key("visitor", frozenset({"read", "write"}))
+    (tmp_path / "keys").write_text(key.line)
+    settings = Settings(
+        model=(model_path,), database_url=f"sqlite:///{tmp_path / 'hof.db'}", api_keys_file=tmp_path / "keys", threads=1
+    )
+    with running(settings) as server, _context(browser, look) as context:
+        page = context.new_page()
+        page.goto(f"http://127.0.0.1:{server.port}/")
+        dialog = page.get_by_role("dialog", name="API key")
+        expect(dialog).to_be_visible(timeout=TIMEOUT_MS)
+        faults = _faults(page, "key", look)
+        dialog.get_by_label("API key").fill("wrong")
+        dialog.get_by_role("button", name="Continue").click()
+        expect(dialog.get_by_text("does not know this key")).to_be_visible(timeout=TIMEOUT_MS)
+        assert faults + _faults(page, "key-wrong", look) == []
+
+
+def _faults(page: Page, name: str, look: tuple[int, int, str]) -> list[str]:
+    """Return what axe finds on a page, and whether something sticks out; keep a picture of it."""
+    assert AXE.is_file(), f"run `npm ci --prefix {AXE.parents[2]}`"
+    if not page.evaluate("'axe' in globalThis"):
+        page.evaluate(AXE.read_text("utf-8"))
+    page.screenshot(path=PICTURES / f"state-{name}-{look[0]}-{look[2]}.png", full_page=True)
+    report = page.evaluate("(values) => axe.run({ runOnly: { type: 'tag', values } })", RULES)
+    faults = [
+        f"{name}: {each['id']}: {node['target']} {node['failureSummary']}"
+        for each in report["violations"]
+        for node in each["nodes"]
+    ]
+    if page.evaluate("document.documentElement.scrollWidth") > look[0]:
+        faults.append(f"{name}: sticks out")
+    return faults

@@ -11,7 +11,7 @@ import httpx
 import pytest
 from playwright.sync_api import Browser, Page, Route, ViewportSize, expect
 
-from tests.support.browsing import PICTURES, TIMEOUT_MS, TRIANGLES
+from tests.support.browsing import PICTURES, QUICK_LOOK, TIMEOUT_MS, TRIANGLES
 from tests.support.usd import check_valid
 
 ANDROID = (
@@ -27,10 +27,6 @@ NOTE_LINKS = """
         const children = [...link.children].map((child) => child.tagName);
         document.documentElement.dataset.followed = JSON.stringify({ href: link.href, rel: link.rel, children });
     });
-"""
-QUICK_LOOK = """
-    const supports = DOMTokenList.prototype.supports;
-    DOMTokenList.prototype.supports = function (token) { return token === "ar" || supports.call(this, token); };
 """
 OUTSIDE = """(below) => {
     const { left, right } = below.getBoundingClientRect();

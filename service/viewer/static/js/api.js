@@ -3,15 +3,13 @@
 
 import { askForKey, authorization } from "./key.js";
 import { notify } from "./notice.js";
+import { filePath } from "./objects.js";
 import { text } from "./text.js";
 
-const ADDRESS = /^#\/objects\/(\w+)$/; // of an object, after the page's own
 const BUSY = [429, 503];
 const TRIES = 6; // of a call that the service is too busy for
 const MAX_WAIT_S = 60;
 
-const BYTES_PER_POINT = 12; // three float32
-const BYTES_PER_COLORED_POINT = 16; // three float32, then blue, green, red, 0
 const PCD_HEAD_ENDS = "DATA binary\n";
 
 /** An error answer of the service (RFC 9457). */
@@ -85,11 +83,6 @@ export async function encode(photo, query, signal) {
   return (await call(encodePath(query), { method: "POST", body: form, signal })).json();
 }
 
-/** The id in the page's address; undefined without one. */
-export function addressedId() {
-  return ADDRESS.exec(location.hash)?.[1];
-}
-
 /** Whether pages of other sites may show an object of this service in a frame. */
 export async function isEmbeddable() {
   const policy = (await call("embed", { method: "HEAD" })).headers.get("Content-Security-Policy");
@@ -116,11 +109,6 @@ export async function deleteObject(id, last = false) {
 export async function listObjects(cursor, limit) {
   const query = new URLSearchParams(cursor ? { limit, cursor } : { limit });
   return (await call(`objects?${query}`)).json();
-}
-
-/** The request body for the word of objects, the last one applied first. */
-export function wordBody(objects) {
-  return JSON.stringify({ objects: objects.map(({ id }) => id) });
 }
 
 /** Post a body of `wordBody`; return the word's object. */
@@ -155,16 +143,6 @@ export async function fetchPhoto(object) {
 /** Fetch a path and return all its bytes (ArrayBuffer). */
 export async function fetchBytes(path, signal) {
   return (await call(path, { signal })).arrayBuffer();
-}
-
-/** The path of an object's file; `of` is `points`, `mesh`, `weights` or `picture`. */
-export function filePath(object, of, query) {
-  return `objects/${object.id}/${of}?${new URLSearchParams(query)}`;
-}
-
-/** Bytes of one point of the object in a stream. */
-export function bytesPerPoint(object) {
-  return object.color ? BYTES_PER_COLORED_POINT : BYTES_PER_POINT;
 }
 
 /** Fetch points, colored if the object is, and pass their bytes (Uint8Array) to `take` as they arrive. */

@@ -1,5 +1,6 @@
 // An object alone, for a frame of another page: the stage, and a link to the whole page.
-import { addressedId, fetchObject, fetchPicture } from "./api.js";
+import { fetchObject, fetchPicture } from "./api.js";
+import { addressedId } from "./objects.js";
 import { Cloud } from "./stage/cloud.js";
 import { Stage } from "./stage/stage.js";
 import { fetchSurface } from "./stage/surface.js";

@@ -1,9 +1,10 @@
 // The page: encode a photo, show objects, mix two of them.
-import { addressedId, compose, fetchObject, wordBody } from "./api.js";
+import { compose, fetchObject } from "./api.js";
 import { showCurl } from "./curl.js";
 import { markCards, reloadGallery, startGallery, updateCard } from "./gallery/gallery.js";
 import { hideName, showName, startNaming } from "./object/name.js";
 import { watchConnection } from "./notice.js";
+import { addressedId, wordBody } from "./objects.js";
 import { hidePhoto, showModels, startPhotos } from "./photo/photo.js";
 import { attempt } from "./problem.js";
 import { translatePage } from "./text.js";

@@ -1,6 +1,7 @@
 // The shown object in the visitor's own room: by Quick Look on iPhone and iPad, by Scene Viewer on Android.
-import { fetchFile, filePath } from "../api.js";
+import { fetchFile } from "../api.js";
 import { authorization } from "../key.js";
+import { filePath } from "../objects.js";
 import { attempt } from "../problem.js";
 
 const QUICK_LOOK = "quick-look";

@@ -3,9 +3,9 @@ import { fetchPicture, streamPoints } from "../api.js";
 import { copyText } from "../curl.js";
 import { isComputable } from "../function/card.js";
 import { formOf } from "../function/weights.js";
-import { attempt } from "../problem.js";
+import { attempt, showProblem } from "../problem.js";
 import { isDark } from "../stage/colors.js";
-import { fetchParts, isOpening, openStage, quiet } from "../stage/open.js";
+import { fetchParts, isOpening, openEarly, openStage, quiet } from "../stage/open.js";
 import { number, text } from "../text.js";
 import { describe, summarize } from "./about.js";
 import { hideDownloads, preferFormat, showDownloads, startDownloads } from "./download.js";
@@ -40,6 +40,7 @@ export function startView(open) {
   showControls();
   showNumbers();
   fetchParts();
+  openEarly(() => openView().catch(showProblem));
 }
 
 /** Show one object. Resolves when it is drawn. */
@@ -74,7 +75,7 @@ export async function showWords(mix) {
 export function clearView() {
   wanted = undefined;
   filling.abort();
-  attempt(openView);
+  openView().catch(showProblem);
   for (const each of ["summary", "about", "count"]) element(each).textContent = "";
   words.hidden = link.hidden = stills.hidden = empty.hidden = true;
   working.hidden = false;

@@ -42,9 +42,9 @@ export function startPhotos(actions) {
   });
 }
 
-/** Offer the models if there are several; calls leave out the default model's name. */
+/** Offer the models of photos if there are several; calls leave out the default model's name. */
 export async function showModels() {
-  const models = await listModels();
+  const models = (await listModels()).filter(({ framing }) => framing); // those of points have none
   const options = models.map(({ name, spec }, index) => new Option(`${name} (k = ${spec.k})`, index ? name : ""));
   model.replaceChildren(...options);
   model.parentElement.hidden = models.length < 2;

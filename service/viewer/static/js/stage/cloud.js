@@ -8,8 +8,8 @@ import {
   Scene,
 } from "three";
 
-import { bytesPerPoint } from "../api.js";
 import { shadowOf } from "./ground.js";
+import { bytesPerPoint } from "../objects.js";
 
 const MEASURED = 1000; // points that tell an object's lightness
 

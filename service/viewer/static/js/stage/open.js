@@ -1,6 +1,7 @@
 // The stage, opened for the first object: until then the page works without three.js and without WebGL.
 
 const MOST_PATIENCE_MS = 2000; // for a quiet moment
+const STARTS = ["pointerdown", "pointermove", "keydown", "dragenter"]; // events
 
 let parts; // a promise, once they are wanted
 let opening;
@@ -11,6 +12,16 @@ export async function fetchParts() {
   if (document.readyState !== "complete") await new Promise((done) => addEventListener("load", done, { once: true }));
   await quiet();
   await load().catch(() => {}); // whoever needs them tries again, and tells
+}
+
+/** Open the stage when the visitor starts to do something, so that it is there when an object is. */
+export function openEarly(open) {
+  const first = async () => {
+    for (const name of STARTS) removeEventListener(name, first);
+    await quiet();
+    open();
+  };
+  for (const name of STARTS) addEventListener(name, first, { passive: true });
 }
 
 /** Open the stage on a canvas: {parts, stage}; without WebGL there is no `stage`. */
