@@ -1,4 +1,4 @@
-"""Every state of the page and of /embed, light and dark, on a desk and on phones: axe finds nothing, and nothing sticks out."""
+"""Every state of the page and of /embed, light and dark, on a desk and on phones: axe finds no fault."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
