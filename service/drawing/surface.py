@@ -26,7 +26,7 @@ from service.drawing.cloud import (
 from service.mapping.spec import Array
 from service.mapping.surface import Indices, Surface
 
-COARSER: Final = 4  # pixels of the picture for one of that which finds hidden triangles
+COARSE: Final = 200  # side of the picture that finds hidden triangles, pixels
 DOTS: Final = 4  # of a triangle on each of its pixels there
 MOST_PARTS: Final = 12  # of a triangle's edges, for dots
 AT_A_TIME: Final = 1024  # triangles; what is computed of them stays in the processor's cache
@@ -77,7 +77,7 @@ def draw_surface(surface: Surface, size: int, azimuth: float = AZIMUTH_DEG, elev
     side = SUPERSAMPLING * size
     viewed = surface.vertices @ axes.T
     triangles = without_long(surface.vertices, surface.triangles)
-    raster = _rasterize(viewed, _without_hidden(viewed, triangles, side // COARSER), side)
+    raster = _rasterize(viewed, _without_hidden(viewed, triangles, COARSE), side)
     depth = np.full(side * side, BEHIND, np.float32)
     depth[raster.pixels] = raster.mean(viewed[:, 2])
     image = np.repeat(_ground(surface.vertices, side, axes)[:, None], 3, axis=1)

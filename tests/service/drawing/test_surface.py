@@ -101,7 +101,7 @@ def test_draw_surface_leaves_out_stretched_triangles() -> None:
 
 def test_hidden_layers_are_not_drawn_and_change_nothing() -> None:
     layers = _together(*(_ball(radius) for radius in (0.2, 0.3, 0.35, 0.4)))
-    kept = drawing._without_hidden(layers.vertices, layers.triangles, 2 * SIZE // drawing.COARSER)
+    kept = drawing._without_hidden(layers.vertices, layers.triangles, drawing.COARSE)
     assert len(kept) < len(layers.triangles) / 4
     alone = draw_surface(_ball(0.4), SIZE, 0, 0)
     assert (draw_surface(layers, SIZE, 0, 0) == alone).mean() > 0.995
