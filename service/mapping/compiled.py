@@ -15,9 +15,9 @@ Array = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 Starts = npt.NDArray[np.int64]
 
-NOT_BUILT: Final = (
-    "no compiled kernel, so NumPy computes points, more slowly: install a C compiler and this package anew"
-)
+NAME: Final = "service.mapping._kernel"
+NOT_BUILT: Final = "no compiled kernel of this version, so NumPy computes points, more slowly: install a C compiler and this package anew"
+VERSION: Final = 1  # of the kernel's functions, as in kernel.c; an older build, in an editable install, is not used
 ROW: Final = 7  # floats of a packed unit: its row of [W b], its column of V
 
 
@@ -75,8 +75,9 @@ class Kernel(Protocol):
 
 @functools.cache
 def load() -> Kernel | None:
-    """Return the compiled kernel, or None if it was not built."""
+    """Return the compiled kernel, or None if it was not built, or from an older version of its source."""
     try:
-        return cast(Kernel, importlib.import_module("service.mapping._kernel"))
+        kernel = importlib.import_module(NAME)
     except ImportError:
         return None
+    return cast(Kernel, kernel) if getattr(kernel, "VERSION", 0) == VERSION else None

@@ -14,6 +14,7 @@
 #define INLINE static inline __attribute__((always_inline))
 #define MOST_BUFFERS 8
 #define MOST_CELLS_A_SIDE 256
+#define VERSION 1 /* of the functions' arguments, as in compiled.py */
 
 #if defined(__x86_64__)
 #include <immintrin.h>
@@ -416,8 +417,8 @@ static PyMethodDef methods[] = {
     {NULL, NULL, 0, NULL},
 };
 
-/* SETS: the names of the processor's instruction sets by their index, best first. */
-static int add_sets(PyObject *module)
+/* Add VERSION, and SETS: the names of the processor's instruction sets by their index, best first. */
+static int add_constants(PyObject *module)
 {
     PyObject *names = PyDict_New();
     int failed = !names;
@@ -426,12 +427,13 @@ static int add_sets(PyObject *module)
         failed = !index || PyDict_SetItemString(names, sets[i].name, index) < 0;
         Py_XDECREF(index);
     }
-    failed = failed || PyModule_AddObjectRef(module, "SETS", names) < 0;
+    failed = failed || PyModule_AddObjectRef(module, "SETS", names) < 0 ||
+             PyModule_AddIntConstant(module, "VERSION", VERSION) < 0;
     Py_XDECREF(names);
     return failed ? -1 : 0;
 }
 
-static PyModuleDef_Slot slots[] = {{Py_mod_exec, add_sets}, {0, NULL}};
+static PyModuleDef_Slot slots[] = {{Py_mod_exec, add_constants}, {0, NULL}};
 
 static PyModuleDef definition = {
     PyModuleDef_HEAD_INIT, .m_name = "_kernel", .m_methods = methods, .m_slots = slots,
