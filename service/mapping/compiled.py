@@ -16,7 +16,10 @@ Mask = npt.NDArray[np.bool_]
 Starts = npt.NDArray[np.int64]
 
 NAME: Final = "service.mapping._kernel"
-NOT_BUILT: Final = "no compiled kernel of this version, so NumPy computes points, more slowly: install a C compiler and this package anew"
+NOT_BUILT: Final = (
+    "no compiled kernel of this version, so NumPy computes points, more slowly: "
+    "install a C compiler and this package anew"
+)
 VERSION: Final = 1  # of the kernel's functions, as in kernel.c; an older build, in an editable install, is not used
 ROW: Final = 7  # floats of a packed unit: its row of [W b], its column of V
 

@@ -1,5 +1,8 @@
 """The compiled kernel against NumPy, with every instruction set that the processor has."""
 
+import sys
+from collections.abc import Iterator
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -215,3 +218,29 @@ def test_best_instruction_set_is_the_default() -> None:
     x = np.random.default_rng(0).uniform(-1, 1, (3, 50)).astype(np.float32)
     best = OneSet(fold, min(kernel.SETS.values())).map(x)
     assert CompiledFold(fold, kernel).map(x).tobytes() == best.tobytes()
+
+
+@pytest.fixture
+def fresh() -> Iterator[None]:
+    """Let a test, and what comes after it, load the kernel anew."""
+    compiled.load.cache_clear()
+    yield
+    compiled.load.cache_clear()
+
+
+@pytest.mark.usefixtures("fresh")
+@pytest.mark.parametrize("version", [None, compiled.VERSION - 1, compiled.VERSION + 1])
+def test_load_of_a_kernel_of_another_version_gives_none(version: int | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    kernel = ModuleType(compiled.NAME)
+    if version is not None:
+        kernel.__dict__["VERSION"] = version
+    monkeypatch.setitem(sys.modules, compiled.NAME, kernel)
+    assert compiled.load() is None
+
+
+@pytest.mark.usefixtures("fresh")
+def test_load_of_a_kernel_of_this_version_gives_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    kernel = ModuleType(compiled.NAME)
+    kernel.__dict__["VERSION"] = compiled.VERSION
+    monkeypatch.setitem(sys.modules, compiled.NAME, kernel)
+    assert compiled.load() is kernel
