@@ -1,6 +1,6 @@
 // The page: encode a photo, show objects, mix two of them.
 import { compose, fetchObject } from "./api.js";
-import { showCurl } from "./curl.js";
+import { showCurl } from "./object/curl.js";
 import { markCards, reloadGallery, startGallery, updateCard } from "./gallery/gallery.js";
 import { hideName, showName, startNaming } from "./object/name.js";
 import { watchConnection } from "./notice.js";

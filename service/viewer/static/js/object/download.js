@@ -1,6 +1,6 @@
 // The download menu: a file of the shown object, and the curl line that fetches the same.
 import { fetchFile } from "../api.js";
-import { showCurl } from "../curl.js";
+import { showCurl } from "./curl.js";
 import { filePath } from "../objects.js";
 import { attempt } from "../problem.js";
 import { hideAr, showAr, startAr } from "./ar.js";

@@ -1,6 +1,6 @@
 // The line of HTML that shows an object in a page of another site.
 import { isEmbeddable } from "../api.js";
-import { showCode } from "../curl.js";
+import { showCode } from "./curl.js";
 import { authorization } from "../key.js";
 import { text } from "../text.js";
 

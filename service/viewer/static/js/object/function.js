@@ -1,5 +1,5 @@
 // What the function itself is worth: its bytes against those on the screen, and the same points by curl and Python.
-import { showCode, showCurl } from "../curl.js";
+import { showCode, showCurl } from "./curl.js";
 import { authorization } from "../key.js";
 import { bytesPerPoint, filePath } from "../objects.js";
 import { number, text } from "../text.js";

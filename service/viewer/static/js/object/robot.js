@@ -1,6 +1,6 @@
 // For robots: a path around the object, between two places that are dragged or typed, and the camera of the photo.
 import { planPath } from "../api.js";
-import { showCurl } from "../curl.js";
+import { showCurl } from "./curl.js";
 import { ARROWS } from "../keys.js";
 import { filePath } from "../objects.js";
 import { attempt } from "../problem.js";

@@ -1,6 +1,6 @@
 // The shown objects: surface or points, their number and seed, and how far they have arrived.
 import { fetchPicture, streamPoints } from "../api.js";
-import { copyText } from "../curl.js";
+import { copyText } from "./curl.js";
 import { isComputable } from "../function/card.js";
 import { formOf } from "../function/weights.js";
 import { attempt, showProblem } from "../problem.js";

@@ -1,6 +1,6 @@
 // The photo: chosen, taken, dropped, pasted or an example. It is shown at once, then encoded; the last one wins.
 import { encode, encodePath, listModels } from "../api.js";
-import { showCurl } from "../curl.js";
+import { showCurl } from "../object/curl.js";
 import { attempt } from "../problem.js";
 import { text } from "../text.js";
 import { Crop, cut, isWhole } from "./crop.js";

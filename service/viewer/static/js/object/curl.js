@@ -1,7 +1,7 @@
 // Lines of code that repeat what the page just did, each with a button that copies it.
 
-import { curlAuthorization } from "./key.js";
-import { text } from "./text.js";
+import { curlAuthorization } from "../key.js";
+import { text } from "../text.js";
 
 /** Show a curl line in a `.curl` element: options `before`, then the address of `path`. */
 export function showCurl(element, before, path) {
