@@ -15,6 +15,9 @@ PAGE_TOOLS := tests/service/viewer/tools/node_modules/.package-lock.json
 JS := client/js/node_modules/.package-lock.json
 KERNEL := $(wildcard service/mapping/kernel/*)
 
+# Two targets may install into .venv.
+.NOTPARALLEL:
+
 # Keep byte code, whatever the shell says: tests start Python hundreds of times.
 unexport PYTHONDONTWRITEBYTECODE
 

@@ -2,14 +2,16 @@
 
 three.js and Swagger UI come from npm, at the versions of service/viewer/package-lock.json.
 Beside each large text there is the same compressed, which the service sends to browsers that accept gzip.
-Without npm the package is built without the bundle, and the service says so at `/`. Without a C compiler it is built
-without the kernel: NumPy computes the points, more slowly, and `hof doctor` says so.
+Without npm the package is built without the bundle, and the service says so at `/`. Without a C compiler and Python's
+headers, and for a Python without its lock, it is built without the kernel: NumPy computes the points, more slowly, and
+`hof doctor` says so.
 """
 
 import gzip
 import json
 import shutil
 import subprocess
+import sysconfig
 from pathlib import Path
 from typing import Final
 
@@ -24,6 +26,7 @@ BUNDLE: Final = VIEWER / "static" / "bundle"
 COMPRESSED: Final = (".js", ".css")
 
 SOURCES: Final = Path("service/mapping/kernel")
+HAS_LIMITED_API: Final = not sysconfig.get_config_var("Py_GIL_DISABLED")
 KERNEL: Final = Extension(
     "service.mapping._kernel",
     [str(SOURCES / "kernel.c")],
@@ -77,6 +80,6 @@ def _copy() -> None:
 
 setup(
     cmdclass={"build_py": BuildWithBundle},
-    ext_modules=[KERNEL],
-    options={"bdist_wheel": {"py_limited_api": "cp311"}},
+    ext_modules=[KERNEL] if HAS_LIMITED_API else [],
+    options={"bdist_wheel": {"py_limited_api": "cp311"}} if HAS_LIMITED_API else {},
 )

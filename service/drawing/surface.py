@@ -5,6 +5,7 @@ The light is that of the page's stage (service/viewer/static/js/stage): surface.
 
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -29,7 +30,8 @@ from service.mapping.surface import Indices, Surface
 COARSE: Final = 200  # side of the picture that finds hidden triangles, pixels
 DOTS: Final = 4  # of a triangle on each of its pixels there
 MOST_PARTS: Final = 12  # of a triangle's edges, for dots
-AT_A_TIME: Final = 1024  # triangles; what is computed of them stays in the processor's cache
+AT_A_TIME: Final = 2**15  # pixels of triangles, or dots; what is computed of them stays in the processor's cache
+MOST_LAYERS: Final = 16  # triangles for each pixel of the supersampled picture, on average; an object has 1 to 14
 LONGEST_EDGE: Final = 4.0  # in medians; longer triangles span gaps, such as those between the legs of a chair
 KEY_LIGHT: Final = np.array([-0.4, 0.6, 0.8], np.float32) / np.float32(1.16**0.5)  # right, up, toward the camera
 SHINE_LIGHT: Final = np.array([-0.3, 0.5, 1.3], np.float32) / np.float32(2.03**0.5)
@@ -93,7 +95,8 @@ def without_long(vertices: Array, triangles: Indices) -> Indices:
     ends = vertices[triangles]  # (t, corner, 3)
     edges = ends - ends[:, [1, 2, 0]]
     longest = np.einsum("tcd,tcd->tc", edges, edges).max(axis=1, initial=0)
-    kept: Indices = triangles[longest <= LONGEST_EDGE**2 * np.median(longest)] if len(longest) else triangles
+    extended = longest[longest > 0]
+    kept: Indices = triangles[longest <= LONGEST_EDGE**2 * np.median(extended)] if len(extended) else triangles
     return kept
 
 
@@ -109,10 +112,11 @@ def _without_hidden(viewed: Array, triangles: Indices, side: int) -> Indices:
     nearest = np.full(side * side, -1)
     for each in range(1, MOST_PARTS + 1):
         (of_size,) = np.nonzero(parts == each)
-        dots = np.rint(_middles(each) @ corners[of_size]).clip(0, side - 1).astype(np.intp)  # (t, each^2, 2)
-        dotted = np.full(side * side, -1)
-        dotted[(dots[..., 1] * side + dots[..., 0]).ravel()] = np.repeat(of_size, each**2)
-        np.maximum(nearest, dotted, out=nearest)
+        for some in np.array_split(of_size, len(of_size) * each**2 // AT_A_TIME + 1):
+            dots = np.rint(_middles(each) @ corners[some]).clip(0, side - 1).astype(np.intp)  # (t, each^2, 2)
+            dotted = np.full(side * side, -1)
+            dotted[(dots[..., 1] * side + dots[..., 0]).ravel()] = np.repeat(some, each**2)
+            np.maximum(nearest, dotted, out=nearest)
     touched = np.zeros(len(viewed), np.bool_)
     touched[triangles[nearest[nearest >= 0]]] = True
     kept: Indices = triangles[touched[triangles].any(axis=1)]
@@ -151,14 +155,13 @@ def _rasterize(viewed: Array, triangles: Indices, side: int) -> Seen:
     side : of the picture, pixels.
     """
     places = _places(viewed, side)
+    triangles, counts = _few(places, triangles, side)
     edges = _edge_functions(places[triangles])
-    flat = ~np.isfinite(edges).all(axis=(1, 2))
-    triangles, edges = triangles[~flat], edges[~flat]
     heights = places[:, 1][triangles]
     nearest = np.full(side * side, -1)
-    for begin in range(0, len(triangles), AT_A_TIME):
-        some = slice(begin, begin + AT_A_TIME)
-        pixels, owners = _filled(heights[some], edges[some], side)
+    cuts = np.flatnonzero(np.diff(np.cumsum(counts) // AT_A_TIME)) + 1
+    for begin, end in pairwise([0, *cuts.tolist(), len(triangles)]):
+        pixels, owners = _filled(heights[begin:end], edges[begin:end], side)
         nearest[pixels] = owners + begin
     pixels = np.flatnonzero(nearest >= 0)
     owners = nearest[pixels]
@@ -166,6 +169,29 @@ def _rasterize(viewed: Array, triangles: Indices, side: int) -> Seen:
     a, b, c = np.moveaxis(edges[owners], 2, 0)
     weights = a * columns[:, None] + b * rows[:, None] + c
     return Seen(pixels, triangles[owners], weights.astype(np.float32))
+
+
+def _few(places: Array, triangles: Indices, side: int) -> tuple[Indices, Array]:
+    """Leave out triangles that are seen from their side, and the largest ones beyond MOST_LAYERS on the picture.
+
+    Weights from elsewhere may give thousands of triangles that each span the picture.
+
+    Parameters
+    ----------
+    places : (v, 2) vertices in a picture of `side` pixels.
+
+    Returns
+    -------
+    The triangles that are kept, in their order, and how many pixels each has, at most about so many.
+    """
+    areas = _doubled_areas(places[triangles])
+    triangles, areas = triangles[areas > 0], areas[areas > 0]
+    width, height = np.ptp(np.clip(places, 0, side)[triangles], axis=1).T
+    counts = np.minimum(areas / 2, width * height) + height + 1
+    smallest_first = np.argsort(counts, kind="stable")
+    kept = np.zeros(len(triangles), np.bool_)
+    kept[smallest_first[np.cumsum(counts[smallest_first], dtype=np.float64) <= MOST_LAYERS * side**2]] = True
+    return triangles[kept], counts[kept]
 
 
 def _edge_functions(corners: Array) -> Array:

@@ -59,7 +59,7 @@ def _border_matte(image: Image.Image) -> Matte | None:
     shape = image.height, image.width
     farthest = np.zeros(shape, np.uint8)  # largest channel difference to the border's median
     higher, lower = np.empty_like(farthest), np.empty_like(farthest)
-    for band in "RGB":  # one plane at a time: vectors of bytes, which Pillow's own operations on pixels are not
+    for band in "RGB":  # one plane at a time, for NumPy's vector instructions; Pillow's operations on pixels use none
         plane = np.frombuffer(image.tobytes("raw", band), np.uint8).reshape(shape)
         median = int(np.median(_ring(plane, _edge(shape))))
         # np.maximum is 15 times as slow as np.clip if one side is a single number.

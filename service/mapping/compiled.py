@@ -18,9 +18,9 @@ Starts = npt.NDArray[np.int64]
 NAME: Final = "service.mapping._kernel"
 NOT_BUILT: Final = (
     "no compiled kernel of this version, so NumPy computes points, more slowly: "
-    "install a C compiler and this package anew"
+    "install a C compiler with Python's headers, then this package anew"
 )
-VERSION: Final = 1  # of the kernel's functions, as in kernel.c; an older build, in an editable install, is not used
+VERSION: Final = 1  # of the kernel's source, as in kernel.c: raise both with each change of what it computes
 ROW: Final = 7  # floats of a packed unit: its row of [W b], its column of V
 
 

@@ -20,9 +20,10 @@ from service.mapping.spec import Array
 
 MAX_BATCH: Final = 8  # images in one call; benchmarks/LOAD.md has the gain by size
 MAX_TURNS: Final = MAX_BATCH  # on a worker thread that a call gives up for photos that have arrived
+MAX_WAIT_S: Final = 0.1  # for them, before the call takes the next turn
 
 R = TypeVar("R")
-Outcomes = list[Any]  # of each image in a call: what its `then` returned, or an exception
+Outcomes = list[Any]  # of each image in a call: its functions, then what `then` returned; or an exception
 
 
 class Waiting(NamedTuple):
@@ -33,7 +34,7 @@ class Waiting(NamedTuple):
     future: "asyncio.Future[Any]"
 
 
-Run = Callable[[Callable[[], Outcomes | None]], Awaitable[Outcomes | None]]
+Run = Callable[[Callable[[], Outcomes | None]], Awaitable[Outcomes | None]]  # a function that returns None has not run
 
 
 class Batcher:
@@ -42,7 +43,8 @@ class Batcher:
     Parameters
     ----------
     encode : (b, 3, size, size) -> the functions of each image, as `Encoder.encode`.
-    run : calls a function on a worker thread.
+    run : calls a function on a worker thread. None is the result of one that gave up its turn.
+    threads : worker threads.
 
     Attributes
     ----------
@@ -51,12 +53,13 @@ class Batcher:
     answered_at : time of the last successful call, `time.monotonic()`.
     """
 
-    def __init__(self, encode: Callable[[Array], Iterable[Encoded]], run: Run) -> None:
+    def __init__(self, encode: Callable[[Array], Iterable[Encoded]], run: Run, threads: int = 1) -> None:
         self._encode = encode
         self._run = run
+        self._threads = threads
         self._waiting: deque[Waiting] = deque()
         self._calling: asyncio.Task[None] | None = None
-        self._coming: set[object] = set()  # photos that wait for a worker thread; adding and discarding are atomic
+        self._coming: set[object] = set()  # photos being framed or looked up; adding and discarding are atomic
         self.images = self.calls = 0
         self.answered_at = time.monotonic()
 
@@ -70,7 +73,7 @@ class Batcher:
     async def encode_then(self, image: Array, then: Callable[[Encoded], R]) -> R:
         """Encode one image as `encode` does; return what `then` returns for its functions, or raise its error.
 
-        `then` runs on the worker thread, within the call: all images of a call are answered at once, and the photos
+        `then` runs on a worker thread, before the next call: all images of a call are answered at once, and the photos
         that follow them share the next call, too.
         """
         future: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
@@ -95,11 +98,13 @@ class Batcher:
     async def _call(self) -> None:
         batch: list[Waiting] = []
         try:
-            outcomes = None
-            for turn in range(MAX_TURNS + 1):
-                outcomes = await self._run(partial(self._take_and_encode, batch, is_last_turn=turn == MAX_TURNS))
-                if outcomes is not None:
-                    break
+            outcomes, turn, deadline = None, 0, time.monotonic() + MAX_WAIT_S
+            while outcomes is None:
+                is_last_turn = turn == MAX_TURNS or time.monotonic() > deadline
+                outcomes = await self._run(partial(self._take_and_encode, batch, is_last_turn=is_last_turn))
+                turn += 1
+            if self._threads > 1:
+                await asyncio.gather(*(self._run(finish) for finish in self._finishes(batch, outcomes)))
         except BaseException as error:  # the service stops: the executor refuses the call, or this task is canceled
             unanswered = [*batch, *self._waiting]
             self._waiting.clear()
@@ -107,10 +112,20 @@ class Batcher:
             if not isinstance(error, Exception):
                 raise
         else:
-            _settle(batch, outcomes or [])
+            _settle(batch, outcomes)
         finally:
             self._calling = None
             self._start()
+
+    def _finishes(self, batch: list[Waiting], outcomes: Outcomes) -> list[Callable[[], Outcomes]]:
+        """Return jobs, one for each thread, that replace the functions of each image by what its `then` returns."""
+
+        def finish(first: int) -> Outcomes:
+            for index in range(first, len(batch), self._threads):
+                outcomes[index] = _result_of(batch[index], outcomes[index])
+            return outcomes
+
+        return [partial(finish, first) for first in range(min(self._threads, len(batch)))]
 
     def _take_and_encode(self, batch: list[Waiting], *, is_last_turn: bool) -> Outcomes | None:
         """Move up to MAX_BATCH waiting images into the batch and encode them, without those whose client left.
@@ -124,10 +139,14 @@ class Batcher:
             if not waiting.future.done():
                 batch.append(waiting)
         self.images += len(batch)
-        return self._outcomes(batch)
+        outcomes = self._outcomes(batch)
+        if self._threads == 1:  # now: another job would wait behind the photos that come
+            for finish in self._finishes(batch, outcomes):
+                finish()
+        return outcomes
 
     def _outcomes(self, batch: list[Waiting]) -> Outcomes:
-        """Return the result or the error of each image; if a call for several fails, encode each image alone."""
+        """Return the functions or the error of each image; if a call for several fails, encode each image alone."""
         if not batch:
             return []
         self.calls += 1
@@ -136,12 +155,15 @@ class Batcher:
         except Exception as error:  # any error goes to the request of the image
             return [error] if len(batch) == 1 else [self._outcomes([waiting])[0] for waiting in batch]
         self.answered_at = time.monotonic()
-        return [_result_of(waiting.then, functions) for waiting, functions in zip(batch, encoded, strict=True)]
+        return encoded
 
 
-def _result_of(then: Callable[[Encoded], Any], encoded: Encoded) -> Any:  # noqa: ANN401 - whatever `then` returns
+def _result_of(waiting: Waiting, outcome: Encoded | Exception) -> Any:  # noqa: ANN401 - whatever `then` returns
+    """Return what `then` returns, or the error; nothing is computed for a client that left."""
+    if isinstance(outcome, Exception) or waiting.future.done():
+        return outcome
     try:
-        return then(encoded)
+        return waiting.then(outcome)
     except Exception as error:  # goes to the request of the image
         return error
 

@@ -44,7 +44,9 @@ class Runtime:
 
     @cached_property
     def batchers(self) -> dict[str, Batcher]:  # noqa: D102
-        return {encoder.name: Batcher(encoder.encode, self.run) for encoder in self.models}
+        return {
+            encoder.name: Batcher(encoder.encode, self._run_if_due, self.settings.threads) for encoder in self.models
+        }
 
     @cached_property
     def recent_photos(self) -> RecentPhotos:
@@ -75,8 +77,17 @@ class Runtime:
         stop = threading.Event()
         return await self._run(partial(function, stop), stop.set)
 
-    async def _run(self, function: Callable[[], R], on_cancel: Callable[[], None]) -> R:
-        job = self.executor.submit(self.metrics.timed(function))
+    async def _run_if_due(self, function: Callable[[], R | None]) -> R | None:
+        """Call a function as `run` does; one that returns None has given up its turn, and is not counted as work."""
+        return await self._run(function, lambda: None, is_work=lambda result: result is not None)
+
+    async def _run(
+        self,
+        function: Callable[[], R],
+        on_cancel: Callable[[], None],
+        is_work: Callable[[R], bool] = lambda _result: True,
+    ) -> R:
+        job = self.executor.submit(self.metrics.timed(function, is_work))
         ended = asyncio.wrap_future(job)
         try:
             return await asyncio.shield(ended)

@@ -25,7 +25,7 @@ CAMERAS: Final[dict[PictureView, tuple[float, float]]] = {  # azimuth and elevat
     "back": (180, 0),
     "top": (0, 90),
 }
-FRAGMENTS: Final = 12  # for each pixel of the picture: those of all triangles, supersampled (service.drawing.surface)
+FRAGMENTS: Final = 24  # for each pixel of the picture: those of all triangles, supersampled; 4 to 64
 KEPT_PIXELS: Final = 4  # pixels of a finished picture that take as much memory as a point
 TURN_MS: Final = 3600  # of a turntable
 

@@ -80,17 +80,24 @@ class Metrics:
         """Count a request that was not served."""
         self._unserved.labels(reason).inc()
 
-    def timed(self, function: Callable[P, R]) -> Callable[P, R]:
-        """Wrap a function for a worker thread to record its wait, from now on, and its duration."""
+    def timed(self, function: Callable[[], R], is_work: Callable[[R], bool]) -> Callable[[], R]:
+        """Wrap a function for a worker thread to record its wait, from now on, and its duration, if it did work."""
         submitted = time.perf_counter()
 
-        def run(*args: P.args, **kwargs: P.kwargs) -> R:
-            start = time.perf_counter()
+        def record(start: float) -> None:
             self.queue.observe(start - submitted)
+            self.compute.observe(time.perf_counter() - start)
+
+        def run() -> R:
+            start = time.perf_counter()
             try:
-                return function(*args, **kwargs)
-            finally:
-                self.compute.observe(time.perf_counter() - start)
+                result = function()
+            except BaseException:
+                record(start)
+                raise
+            if is_work(result):
+                record(start)
+            return result
 
         return run
 

@@ -206,7 +206,8 @@ async def _find_repeat(
 
 
 async def _encode(runtime: Runtime, encoder: Encoder, photos: Photos) -> tuple[list[Framed], Encoded, ObjectFrame]:
-    views = await frame_all(runtime, photos)
+    with runtime.batchers[encoder.name].coming():
+        views = await frame_all(runtime, photos)
     return views, *await encode_all(runtime, encoder, views)
 
 

@@ -51,8 +51,8 @@ def content_security_policy(page: str) -> str:
 class Pages(StaticFiles):
     """Static files that browsers cache but revalidate each time (ETag, 304); pages load nothing from other origins.
 
-    Texts are sent compressed. The bundle's were compressed when the package was built (setup.py), the page's own are
-    once for each process.
+    Texts are sent compressed. The bundle's were compressed when the package was built (setup.py), the page's own
+    are compressed once in each process, at first use.
     """
 
     async def get_response(self, path: str, scope: Scope) -> Response:

@@ -1,6 +1,6 @@
 /* service.mapping._kernel: what the sampler computes for each point, without Python's lock.
  *
- * Arrays are C-contiguous buffers of the types and shapes that _kernel.pyi names; others are a ValueError. The best
+ * Arrays are C-contiguous buffers of the types and shapes that `Kernel` in compiled.py names; others are a ValueError. The best
  * instruction set of the processor is chosen at import.
  */
 
@@ -14,7 +14,7 @@
 #define INLINE static inline __attribute__((always_inline))
 #define MOST_BUFFERS 8
 #define MOST_CELLS_A_SIDE 256
-#define VERSION 1 /* of the functions' arguments, as in compiled.py */
+#define VERSION 1 /* of this source, as in compiled.py: raise both with each change of what it computes */
 
 #if defined(__x86_64__)
 #include <immintrin.h>
@@ -86,7 +86,7 @@ static int best_set(void)
 #if defined(__x86_64__)
     __builtin_cpu_init();
     if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512dq") &&
-        __builtin_cpu_supports("avx512bw"))
+        __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("fma"))
         return 0;
     return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") ? 1 : 2;
 #else

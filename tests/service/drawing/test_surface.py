@@ -1,5 +1,7 @@
 """Pictures of surfaces: position, occlusion, light, color and shadow."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -97,6 +99,28 @@ def test_draw_surface_leaves_out_stretched_triangles() -> None:
     )
     assert (without_long(torn.vertices, torn.triangles) == ball.triangles).all()
     assert (draw_surface(torn, SIZE, 0, 0) == draw_surface(ball, SIZE, 0, 0)).all()
+
+
+def test_without_long_keeps_an_object_whose_other_triangles_are_points() -> None:
+    ball = _ball(0.3)
+    points = np.zeros((2 * len(ball.triangles), 3), np.uint32)
+    triangles = np.concatenate([points, ball.triangles])
+    assert (without_long(ball.vertices, triangles) == triangles).all()
+
+
+def test_draw_surface_of_triangles_that_each_span_the_picture_takes_bounded_memory() -> None:
+    """Weights from elsewhere may map neighbors anywhere."""
+    vertices = np.random.default_rng(0).uniform(-0.5, 0.5, (9_000, 3)).astype(np.float32)
+    triangles = np.random.default_rng(1).integers(0, 9_000, (20_000, 3)).astype(np.uint32)
+    chaos = Surface(vertices, triangles, vertices)
+    tracemalloc.start()
+    try:
+        image = draw_surface(chaos, 256, 0, 0)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert (image < GROUND).any()
+    assert peak < 100e6
 
 
 def test_hidden_layers_are_not_drawn_and_change_nothing() -> None:

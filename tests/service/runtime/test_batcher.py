@@ -29,8 +29,8 @@ def _encode(images: Array) -> list[Encoded]:
     return [Encoded(np.repeat(mean, 2)) for mean in images.mean(axis=(1, 2, 3))]
 
 
-def _batcher(executor: ThreadPoolExecutor) -> Batcher:
-    return Batcher(_encode, lambda function: asyncio.get_running_loop().run_in_executor(executor, function))
+def _batcher(executor: ThreadPoolExecutor, threads: int = 1) -> Batcher:
+    return Batcher(_encode, lambda function: asyncio.get_running_loop().run_in_executor(executor, function), threads)
 
 
 async def _schedule(batcher: Batcher, seed: int) -> None:
@@ -131,6 +131,45 @@ def test_encode_then_runs_on_the_worker_and_its_error_is_that_of_its_image_alone
         (first, error, last), calls = asyncio.run(scenario(executor))
     assert (first, last, calls) == ((0.5, "worker_0"), (0.25, "worker_0"), 1)
     assert isinstance(error, ZeroDivisionError)
+
+
+def test_encode_then_of_one_call_runs_on_all_threads_at_once() -> None:
+    together = threading.Barrier(3)
+
+    async def scenario(executor: ThreadPoolExecutor) -> list[int]:
+        batcher = _batcher(executor, threads=3)
+        tasks = [batcher.encode_then(_image(value), lambda _: together.wait(TIMEOUT_S)) for value in range(3)]
+        return await asyncio.gather(*tasks)
+
+    with ThreadPoolExecutor(3) as executor:
+        assert sorted(asyncio.run(scenario(executor))) == [0, 1, 2]
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_encode_then_of_a_client_that_left_computes_nothing(threads: int) -> None:
+    encoding, left, finished = threading.Event(), threading.Event(), []
+
+    def encode(images: Array) -> list[Encoded]:
+        encoding.set()
+        left.wait(TIMEOUT_S)
+        return _encode(images)
+
+    async def scenario(executor: ThreadPoolExecutor) -> None:
+        loop = asyncio.get_running_loop()
+        batcher = Batcher(encode, lambda function: loop.run_in_executor(executor, function), threads)
+        stays, leaves = (
+            asyncio.create_task(batcher.encode_then(_image(value), lambda encoded: finished.append(encoded.theta[0])))
+            for value in (1, 2)
+        )
+        await asyncio.to_thread(encoding.wait, TIMEOUT_S)
+        leaves.cancel()
+        await asyncio.sleep(0)
+        left.set()
+        await stays
+
+    with ThreadPoolExecutor(threads) as executor:
+        asyncio.run(scenario(executor))
+    assert finished == [1]
 
 
 def test_batcher_with_a_closed_executor_fails_its_images() -> None:

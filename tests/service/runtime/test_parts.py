@@ -14,7 +14,7 @@ WAIT_S = 30
 
 
 class _Metrics:
-    def timed(self, function: Callable[[], object]) -> Callable[[], object]:
+    def timed(self, function: Callable[[], object], _is_work: Callable[[object], bool]) -> Callable[[], object]:
         return function
 
 
