@@ -7,6 +7,8 @@ export interface Pixels {
   readonly data: Uint8ClampedArray;
 }
 
+const ONE = 2 ** 22; // weights are whole numbers, as Pillow's
+
 /** left, top, right and bottom, pixels. */
 export type Box = readonly [number, number, number, number];
 
@@ -80,10 +82,10 @@ function along(
     const [first, weights] = weightsOf(x, width, size, isSmaller);
     for (let y = 0; y < height; y++) {
       for (let channel = 0; channel < 4; channel++) {
-        let sum = 0.5;
+        let sum = ONE / 2;
         let at = 4 * (y * width + first) + channel;
         for (let index = 0; index < weights.length; index++, at += 4) sum += weights[index] * source[at];
-        result[4 * (x * height + y) + channel] = Math.floor(sum);
+        result[4 * (x * height + y) + channel] = Math.floor(sum / ONE);
       }
     }
   }
@@ -91,8 +93,8 @@ function along(
 }
 
 /**
- * The first source pixel of a pixel, and the weights from there on: of a box, or of a triangle. Borders of pixels often
- * meet exactly, so each number is rounded as in Pillow's precompute_coeffs.
+ * The first source pixel of a pixel, and the weights from there on, in parts of ONE: of a box, or of a triangle. Borders
+ * of pixels often meet exactly, so each number is rounded as in Pillow's precompute_coeffs.
  */
 function weightsOf(x: number, width: number, size: number, isSmaller: boolean): [number, number[]] {
   const center = (x + 0.5) * (width / size);
@@ -107,7 +109,7 @@ function weightsOf(x: number, width: number, size: number, isSmaller: boolean): 
     return Math.max(0, 1 - Math.abs(distance));
   });
   const sum = weights.reduce((total, weight) => total + weight, 0);
-  return [first, weights.map((weight) => weight / sum)];
+  return [first, weights.map((weight) => Math.floor((weight / sum) * ONE + 0.5))];
 }
 
 function premultiplied({ data }: Pixels): Uint8ClampedArray {
