@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
@@ -40,25 +40,36 @@ class Setup:
 def encode_photos(setup: Setup, sources: Sequence[str]) -> list[Item]:
     """Encode photos, one after the other, on one thread; those in S3 are read ahead on others.
 
+    Without photos it only loads the models.
+
     Raises
     ------
+    InvalidModel : a model has become unusable.
     ConnectionError : S3 cannot be used.
     """
+    opened(setup)
     if not any(map(s3.is_url, sources)):
         return [_encode(setup, source, partial(_read, source, setup.max_bytes)) for source in sources]
     with ThreadPoolExecutor(READERS) as readers:
         reads = [readers.submit(_read, source, setup.max_bytes) for source in sources]
-        return [_encode(setup, source, read.result) for source, read in zip(sources, reads, strict=True)]
+        return [
+            _encode(setup, source, partial(_ahead, read, reads, partial(_read, source, setup.max_bytes)))
+            for source, read in zip(sources, reads, strict=True)
+        ]
 
 
 def failed(source: str, error: str, sha256: str | None = None) -> Item:
     """Return the row of a photo that cannot be encoded."""
-    return Item(None, shown(source), sha256, error)
+    return Item(None, shown(source), sha256, _escaped(error))
 
 
 def shown(source: str) -> str:
-    """Return a path as it stands in the table: bytes that are not UTF-8 as backslash escapes."""
-    return source.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+    """Return a path as it stands in the table: bytes that are not UTF-8 as backslash escapes, and without S3's keys."""
+    return _escaped(s3.masked(source) if s3.is_url(source) else source)
+
+
+def _escaped(text: str) -> str:
+    return text.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
 
 
 @lru_cache(1)
@@ -81,6 +92,15 @@ def _encode(setup: Setup, source: str, read: Callable[[], bytes]) -> Item:
         return failed(source, error.strerror or str(error), digest)
     except Exception as error:  # whatever a decoder raises: the other photos are encoded all the same
         return failed(source, f"{type(error).__name__}: {error}", digest)
+
+
+def _ahead(read: Future[bytes], reads: Sequence[Future[bytes]], again: Callable[[], bytes]) -> bytes:
+    """Return what a reader has read, or read it again after the others: S3 is usable if it answers one of them."""
+    try:
+        return read.result()
+    except ConnectionError:
+        wait(reads)
+        return again()
 
 
 def _read(source: str, max_bytes: int) -> bytes:

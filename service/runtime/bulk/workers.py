@@ -82,9 +82,11 @@ class _Jobs:
             return self._pool.result(job)
         except BrokenProcessPool:
             self._renew()
-        except (ProcessExpired, TimeoutError) as error:
+        except TimeoutError as error:
             if len(job.names) == 1:
                 return [_failed(job.names[0], error)]
+        except ProcessExpired:  # killed by one of the photos, or from outside
+            pass
         return _one_by_one(self._encode, job.names)
 
     def close(self) -> None:
@@ -122,7 +124,7 @@ class _Pool:
         A broken pool leaves jobs undone that it has not sent to a process, and so does a process that dies holding the
         lock of the jobs' pipe. Hence the two limits.
         """
-        deadline = time.monotonic() + START_TIMEOUT_S + PHOTO_TIMEOUT_S * len(job.names)
+        deadline = time.monotonic() + START_TIMEOUT_S + PHOTO_TIMEOUT_S * max(1, len(job.names))
         while not wait([job.future], POLL_S).done:
             is_over = time.monotonic() > deadline or not self._pool.active
             if is_over and not wait([job.future], POLL_S).done:
@@ -142,9 +144,9 @@ def _one_by_one(encode: Encode, names: Names) -> list[Item]:
         for name in names:
             try:
                 rows += pool.result(_Job((name,), pool.schedule(encode, (name,))))
-            except (ProcessExpired, TimeoutError) as error:
+            except TimeoutError as error:
                 rows.append(_failed(name, error))
-            except BrokenProcessPool as error:
+            except (ProcessExpired, BrokenProcessPool) as error:
                 pool.close()
                 pool = _Pool(1)
                 _check(pool, encode)

@@ -3,7 +3,7 @@
 import subprocess
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from contextlib import contextmanager
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -16,7 +16,7 @@ from tests.support import ROOT
 from tests.support.processes import START_TIMEOUT_S, free_port
 
 PAIR_S: Final = 60  # longest wait for another read
-PROGRAM: Final = ROOT / ".venv" / "s3" / "bin" / "moto_server"
+PYTHON: Final = ROOT / ".venv" / "s3" / "bin" / "python"  # moto_server names the folder of its install
 
 
 class S3:
@@ -47,10 +47,11 @@ class S3:
 @contextmanager
 def running_s3() -> Iterator[S3]:
     """Run the server."""
-    assert PROGRAM.is_file(), "these tests read from moto's S3 server: `make .venv/s3/stamp` installs it"
+    assert PYTHON.is_file(), "these tests read from moto's S3 server: `make .venv/s3/stamp` installs it"
     port = free_port()
     url = f"http://127.0.0.1:{port}"
-    with subprocess.Popen([PROGRAM, "-H", "127.0.0.1", "-p", str(port)], stderr=subprocess.DEVNULL) as process:
+    command = [str(PYTHON), "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)]
+    with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
         try:
             _wait(url, process)
             yield S3(url)
@@ -96,7 +97,46 @@ def server_of_pairs(content: bytes) -> Iterator[str]:
         def log_message(self, *_: object) -> None:
             pass
 
-    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
+    with _serving(Handler) as url:
+        yield url
+
+
+@contextmanager
+def server_without_lists(content: bytes, names: Container[str], archived: Container[str]) -> Iterator[str]:
+    """Serve objects, BUCKET/KEY, to all keys, which may not list: as Amazon does, deny what does not exist."""
+
+    class Handler(BaseHTTPRequestHandler):
+        protocol_version = "HTTP/1.1"
+
+        def do_HEAD(self) -> None:
+            name = self.path.removeprefix("/")
+            self._answer(HTTPStatus.OK if name in names or name in archived else HTTPStatus.FORBIDDEN, content)
+
+        def do_GET(self) -> None:
+            name = self.path.removeprefix("/")
+            if name in names:
+                self._answer(HTTPStatus.OK, content)
+            else:
+                code = "InvalidObjectState" if name in archived else "AccessDenied"
+                self._answer(HTTPStatus.FORBIDDEN, f"<Error><Code>{code}</Code><Message>no</Message></Error>".encode())
+
+        def _answer(self, status: HTTPStatus, body: bytes) -> None:
+            self.send_response(status)
+            self.send_header("Content-Length", str(len(body)))
+            self.end_headers()
+            if self.command == "GET":
+                self.wfile.write(body)
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    with _serving(Handler) as url:
+        yield url
+
+
+@contextmanager
+def _serving(handler: type[BaseHTTPRequestHandler]) -> Iterator[str]:
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
         thread = threading.Thread(target=server.serve_forever)
         thread.start()
         try:

@@ -169,6 +169,29 @@ def test_pieces_that_are_damaged_or_of_other_photos_are_written_again(
     assert _names(path) == sorted(photo.name for photo in folder.iterdir())
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("change", ["add", "remove"])
+def test_photos_that_change_between_the_listings_end_the_run_and_it_continues(
+    setup: Setup, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: str
+) -> None:
+    monkeypatch.setattr(encoding, "PIECE_ROWS", 2)
+    path = tmp_path / "t.parquet"
+
+    def photos() -> Iterator[str]:
+        yield from photos_of(str(folder))
+        if change == "add":
+            (folder / "2a.png").write_bytes(image_file(disc("red")))
+        else:
+            (folder / "3.png").unlink(missing_ok=True)
+
+    with pytest.raises(InvalidParameter, match="the photos changed while they were encoded"):
+        encode_many(setup, photos, path, 1, lambda *_: None)
+    assert not path.exists()
+    assert [piece.name for piece in (tmp_path / "t.parquet.pieces").glob("*.parquet")] == ["00000000.parquet"]
+    _run(setup, folder, path)
+    assert _names(path) == sorted(photo.name for photo in folder.iterdir())
+
+
 def test_a_run_with_other_options_is_not_continued(setup: Setup, folder: Path, tmp_path: Path) -> None:
     _stop(setup, folder, tmp_path / "t.parquet", 1)
     with pytest.raises(InvalidParameter, match="with another model or other options"):
