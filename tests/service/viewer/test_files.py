@@ -80,7 +80,7 @@ def test_text_of_the_page_is_sent_compressed_with_an_etag_of_its_own(client: htt
 
 
 def test_page_preloads_the_modules_that_it_starts_with_and_no_others() -> None:
-    """A module that is missing costs a round trip; three.js comes later, with the first object."""
+    """A module that is missing costs a round trip; three.js comes after the page is seen."""
     preloaded = re.findall(r'rel="modulepreload" href="viewer/([^"]+)"', INDEX)
     assert preloaded == sorted(_imported("js/main.js") - {"js/main.js"})
     assert "js/stage/parts.js" not in preloaded

@@ -1,4 +1,4 @@
-"""The page in Chromium: races, a busy service, links, undo, languages, and a browser without WebGL."""
+"""The page in Chromium: races, a busy service, links, undo, and languages."""
 
 import json
 import re
@@ -9,7 +9,7 @@ import pytest
 from playwright.sync_api import Browser, Page, Route, expect
 
 from service.api.routes import viewer
-from tests.support.browsing import PICTURES, TIMEOUT_MS, TRIANGLES, photo
+from tests.support.browsing import DRAWN, PICTURES, TIMEOUT_MS, TRIANGLES, photo
 
 LANGUAGES = json.loads(
     (viewer.STATIC / "js" / "languages.js").read_text("utf-8").partition("LANGUAGES = ")[2].rstrip().rstrip(";")
@@ -35,6 +35,39 @@ def test_photo_that_is_chosen_last_wins(page: Page) -> None:
     held[0].continue_()
     page.wait_for_timeout(1000)
     assert page.url == shown
+
+
+@pytest.mark.parametrize("first", ["gallery", "photo"])
+def test_photo_that_is_chosen_before_the_gallery_arrives_is_not_covered(
+    browser: Browser, address: str, first: str
+) -> None:
+    newest = httpx.post(f"{address}/encode", content=photo("chair").read_bytes(), timeout=60).json()
+    lists: list[Route] = []
+    encodings: list[Route] = []
+    with browser.new_context(reduced_motion="reduce") as context:
+        page = context.new_page()
+        page.set_default_timeout(TIMEOUT_MS)
+        expect.set_options(timeout=TIMEOUT_MS)
+        page.route("**/objects?*", lists.append)
+        page.route("**/encode?*", encodings.append)
+        with page.expect_request("**/objects?*"):
+            page.goto(f"{address}/")
+        with page.expect_request("**/encode?*"):
+            page.get_by_role("button", name="Barrel").click()
+        if first == "photo":
+            encodings[0].continue_()
+            expect(page.locator("#count")).to_have_text(TRIANGLES)
+        summary = page.locator("#summary").text_content()
+        with page.expect_event("requestfinished", lambda request: "/objects?" in request.url):
+            lists[0].fulfill(json={"items": [newest], "next": None})
+        page.evaluate(DRAWN)
+        assert page.locator("#summary").text_content() == summary
+        assert page.locator("#working").is_visible() == (first == "gallery")
+        page.unroute("**/objects?*")
+        for route in lists[1:] if first == "photo" else encodings:
+            route.continue_()
+        expect(page.locator("#count")).to_have_text(TRIANGLES)
+        expect(page.locator("#gallery li.shown")).to_have_count(1)
 
 
 @pytest.mark.parametrize("status", [429, 503])
@@ -132,14 +165,6 @@ def test_deletion_can_be_undone_and_is_sent_later(page: Page, address: str) -> N
     with page.expect_response(lambda response: response.request.method == "DELETE") as answer:
         page.locator(f'#gallery li[data-id="{stored["id"]}"] .delete').click()
     assert answer.value.status == 204
-
-
-def test_page_without_webgl_shows_a_picture(browser: Browser, address: str) -> None:
-    with browser.new_context() as context:
-        page = context.new_page()
-        page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
-        page.goto(f"{address}/")
-        expect(page.locator("#stills img")).to_be_visible(timeout=TIMEOUT_MS)
 
 
 def test_page_in_each_language_translates_every_text(browser: Browser, address: str) -> None:

@@ -124,15 +124,16 @@ export async function planPath(id, body, signal) {
 }
 
 /** Fetch a file of the service: {blob, name}. */
-export async function fetchFile(path) {
-  const answer = await call(path);
+export async function fetchFile(path, signal) {
+  const answer = await call(path, { signal });
   const name = /filename="(.+)"/.exec(answer.headers.get("Content-Disposition"))?.[1] ?? path.split("/").at(-1);
   return { blob: await answer.blob(), name };
 }
 
 /** Fetch a picture of an object: the address of a blob. */
-export async function fetchPicture(object, size) {
-  return URL.createObjectURL((await fetchFile(filePath(object, "picture", { size, format: "webp" }))).blob);
+export async function fetchPicture(object, size, signal) {
+  const { blob } = await fetchFile(filePath(object, "picture", { size, format: "webp" }), signal);
+  return URL.createObjectURL(blob);
 }
 
 /** Fetch the object as its photo shows it, if the object has that: the address of a blob. */

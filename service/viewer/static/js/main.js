@@ -5,7 +5,7 @@ import { markCards, reloadGallery, startGallery, updateCard } from "./gallery/ga
 import { hideName, showName, startNaming } from "./object/name.js";
 import { watchConnection } from "./notice.js";
 import { addressedId, wordBody } from "./objects.js";
-import { hidePhoto, showModels, startPhotos } from "./photo/photo.js";
+import { hasPhoto, hidePhoto, showModels, startPhotos } from "./photo/photo.js";
 import { attempt } from "./problem.js";
 import { translatePage } from "./text.js";
 import { clearView, focusStage, showObject, showWords, startView, stopWorking } from "./object/view.js";
@@ -68,20 +68,19 @@ function formula(word) {
   return `${[...word].join("(")}(x${")".repeat(word.length)}`;
 }
 
-/** Show the object of the page's address. Returns whether it names one. */
+/** Show the object of the page's address, if it names one, unless the visitor wants something else meanwhile. */
 async function showAddressed() {
   const id = addressedId();
-  if (id) {
-    hidePhoto();
-    await show(await fetchObject(id));
-  }
-  return id !== undefined;
+  if (!id) return;
+  hidePhoto();
+  const object = await fetchObject(id);
+  if (addressedId() === id && !hasPhoto()) await show(object);
 }
 
+/** Show the gallery and the object of the page's address, or the newest one if the visitor wants nothing else. */
 async function begin() {
-  const [isAddressed, newest] = await Promise.all([showAddressed(), reloadGallery()]);
-  if (isAddressed || !newest) return;
-  await present(newest);
+  const [newest] = await Promise.all([reloadGallery(), showAddressed()]);
+  if (newest && !addressedId() && !hasPhoto()) await present(newest);
 }
 
 translatePage();
@@ -95,7 +94,7 @@ startPhotos({
     hideName();
   },
   done: async (object) => {
-    await show(object); // first: the gallery's pictures take the service's time
+    await attempt(() => show(object)); // first: the gallery's pictures take the service's time
     await reloadGallery();
   },
   fail: stopWorking,

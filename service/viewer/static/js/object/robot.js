@@ -21,20 +21,23 @@ const ends = ["start", "goal"].map((name) => ({
   handle: document.querySelector(`#stage [data-end="${name}"]`),
 }));
 
-let stage; // undefined if the browser has no WebGL
+let stage; // undefined until it is open, and where it cannot open
 let way; // stage/way.js
 let cloud; // of the object that is shown alone
 let drawn; // the line on the stage
 let planning = new AbortController();
 
-/** Set up the panel; `drawing` is stage/way.js, which needs three.js. */
-export function startRobot(theStage, drawing) {
-  stage = theStage;
-  way = drawing;
+/** Set up the panel. */
+export function startRobot() {
   panel.addEventListener("toggle", refresh);
   panel.addEventListener("change", refresh);
   document.getElementById("camera-look").addEventListener("click", () => stage?.lookFrom(cloud.object.camera));
-  if (!stage) return;
+}
+
+/** Draw the path and its ends on the stage; `drawing` is stage/way.js, which needs three.js. */
+export function drawRobot(theStage, drawing) {
+  stage = theStage;
+  way = drawing;
   stage.onDraw = placeHandles;
   for (const end of ends) listen(end);
 }

@@ -1,31 +1,30 @@
 // The shown objects: surface or points, their number and seed, and how far they have arrived.
-import { fetchPicture, streamPoints } from "../api.js";
+import { streamPoints } from "../api.js";
 import { copyText } from "./curl.js";
 import { isComputable } from "../function/card.js";
 import { formOf } from "../function/weights.js";
 import { attempt, showProblem } from "../problem.js";
-import { isDark } from "../stage/colors.js";
 import { fetchParts, isOpening, openEarly, openStage, quiet } from "../stage/open.js";
 import { number, text } from "../text.js";
 import { describe, summarize } from "./about.js";
 import { hideDownloads, preferFormat, showDownloads, startDownloads } from "./download.js";
 import { hideFunction, showFunction } from "./function.js";
 import { hideMorph, offerMorph, startMorph } from "./morph.js";
-import { hideRobot, showRobot, startRobot } from "./robot.js";
+import { drawRobot, hideRobot, showRobot, startRobot } from "./robot.js";
+import { briefly, hideStills, showStills, standIn } from "./stills.js";
 import { startTools } from "./tools.js";
 import { fetchFunctions } from "./weights.js";
 
 const element = (id) => document.getElementById(id);
-const ids = ["n", "dots", "seed", "color", "surface", "live", "words", "stills", "link", "working", "empty"];
-const [slider, dots, seed, color, surface, live, words, stills, link, working, empty] = ids.map(element);
+const ids = ["n", "dots", "seed", "color", "surface", "live", "words", "link", "working", "empty"];
+const [slider, dots, seed, color, surface, live, words, link, working, empty] = ids.map(element);
 const progress = document.querySelector("#view progress");
 
 const [FETCHED, COMPUTED] = [6, 7]; // decimal logarithms of the most points on the stage, all clouds together
-const STILL = 512; // pixels of a picture that is shown instead of the stage
 const canvas = document.querySelector("#stage canvas");
 
 let parts; // of the stage, once it is open: see stage/parts.js
-let stage; // undefined until then, and if the browser has no WebGL
+let stage; // undefined until then, without WebGL, and where three.js cannot be fetched
 let wanted; // the objects that are shown, or are about to be
 let clouds = [];
 let filling = new AbortController();
@@ -36,6 +35,7 @@ let shownMix; // of `showWords`
 export function startView(open) {
   openAlone = open;
   startDownloads(chosen);
+  startRobot();
   listen();
   showControls();
   showNumbers();
@@ -43,7 +43,7 @@ export function startView(open) {
   openEarly(() => openView().catch(showProblem));
 }
 
-/** Show one object. Resolves when it is drawn. */
+/** Show one object. Resolves when the stage has drawn it, or cannot. */
 export async function showObject(object) {
   element("summary").textContent = summarize(object);
   element("about").textContent = describe(object);
@@ -77,10 +77,11 @@ export function clearView() {
   filling.abort();
   openView().catch(showProblem);
   for (const each of ["summary", "about", "count"]) element(each).textContent = "";
-  words.hidden = link.hidden = stills.hidden = empty.hidden = true;
+  words.hidden = link.hidden = empty.hidden = true;
   working.hidden = false;
   clouds = [];
   stage?.set(clouds);
+  hideStills();
   hideDownloads();
   hideFunction();
   hideMorph();
@@ -121,52 +122,54 @@ function showMorph(cloud, n) {
   element("count").textContent = text("nPoints", { n: number(n) });
 }
 
-/** Open the stage, once. */
+/** Open the stage, once. Throws a Problem if three.js cannot be fetched. */
 async function openView() {
   const opened = await openStage(canvas);
   if (parts) return;
   ({ parts, stage } = opened);
-  if (!stage) empty.textContent = text("noWebgl");
-  startRobot(stage, parts.way);
+  if (!stage) return;
+  stage.resizeDots(2 ** dots.valueAsNumber);
+  stage.paint(color.checked);
+  drawRobot(stage, parts.way);
   startMorph({ stage, parts, show: showMorph, back: () => attempt(() => showWords(shownMix)) });
 }
 
-/** Put objects on the stage, without points or surfaces. Returns whether no others are wanted meanwhile. */
+/**
+ * Put objects on the stage, without points or surfaces; show pictures if it cannot open. Returns whether no others are
+ * wanted meanwhile.
+ */
 async function present(objects) {
   wanted = objects;
-  working.hidden = true;
+  hideStills();
   hideMorph();
-  if (!isOpening()) await presentStills(objects);
-  await openView();
+  const picture = stage ? undefined : standIn(objects);
+  if (!isOpening()) {
+    await briefly(picture);
+    await quiet(); // opening the stage takes a while
+  }
+  const problem = await openView().catch((error) => error);
   if (wanted !== objects) return false;
+  working.hidden = true;
   surface.disabled = live.disabled = false;
   empty.hidden = Boolean(stage);
   live.parentElement.hidden = !stage || !objects.every(isComputable);
   live.checked &&= !live.parentElement.hidden;
   color.parentElement.hidden = !objects.some((object) => object.color);
-  clouds = objects.map((object) => new parts.Cloud(object, stage?.materials));
+  clouds = objects.map((object) => (stage ? new parts.Cloud(object, stage.materials) : { object, count: 0 }));
   if (clouds.length > 1) hideDownloads();
   stage?.set(clouds);
-  if (!stage) await showStills(objects);
+  if (!stage) showInstead(picture ?? showStills(objects), problem);
   if (clouds.length === 1) showRobot(clouds[0]);
   else hideRobot();
   showControls();
   return true;
 }
 
-/** Show pictures until the page has come to rest and the stage can open. They are white, so dark pages wait. */
-async function presentStills(objects) {
-  if (!isDark()) await attempt(() => showStills(objects));
-  await quiet();
-}
-
-/** Show pictures of objects: before the stage is open, and in browsers without WebGL. */
-async function showStills(objects) {
-  const addresses = await Promise.all(objects.map((object) => fetchPicture(object, STILL)));
-  if (wanted !== objects) return;
-  stills.replaceChildren(...addresses.map((src) => Object.assign(new Image(), { src, alt: "" })));
-  stills.hidden = false;
-  empty.hidden = true;
+/** Leave the stage to a picture on its way; `problem`: why three.js is missing, undefined if the browser has no WebGL. */
+function showInstead(picture, problem) {
+  empty.textContent = problem?.message ?? text("noWebgl");
+  attempt(() => picture);
+  if (problem) showProblem(problem);
 }
 
 /** Points of each cloud: the slider's value, rounded to two digits. */
@@ -240,7 +243,7 @@ function showNumbers() {
 }
 
 function showArrived() {
-  if (stage && clouds.some((cloud) => cloud.surface || cloud.count)) stills.hidden = true;
+  if (stage && clouds.some((cloud) => cloud.surface || cloud.count)) hideStills();
   if (surface.checked) {
     showTriangles();
     return;
@@ -278,7 +281,7 @@ function listen() {
   dots.addEventListener("input", () => stage?.resizeDots(2 ** dots.valueAsNumber));
   seed.addEventListener("change", () => {
     if (!seed.reportValidity() || seed.value === "") return;
-    for (const cloud of clouds) cloud.clear();
+    for (const cloud of stage?.clouds ?? []) cloud.clear();
     fill();
   });
   color.addEventListener("change", () => {

@@ -50,6 +50,11 @@ export async function showModels() {
   model.parentElement.hidden = models.length < 2;
 }
 
+/** Return whether a photo is shown: of the object, or of one that is being made or could not be. */
+export function hasPhoto() {
+  return current !== undefined;
+}
+
 /** Forget the photo: an object is shown that is not of it. A photo that is still being encoded is given up. */
 export function hidePhoto() {
   current?.abort.abort();
@@ -116,18 +121,19 @@ function send(photo, part, sent = photo) {
   showPhoto(sent);
   handlers.begin();
   return attempt(async () => {
+    let object;
     try {
-      const object = await encode(sent, query(), mine.abort.signal);
-      if (current !== mine) return;
-      mine.framed = true;
-      showFraming(object.image);
-      await handlers.done(object);
+      object = await encode(sent, query(), mine.abort.signal);
     } catch (error) {
       if (current !== mine) return;
       caption.textContent = text("notMade");
       handlers.fail();
       throw error;
     }
+    if (current !== mine) return;
+    mine.framed = true;
+    showFraming(object.image);
+    await handlers.done(object);
   });
 }
 

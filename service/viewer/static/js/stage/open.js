@@ -1,4 +1,6 @@
 // The stage, opened for the first object: until then the page works without three.js and without WebGL.
+import { Problem } from "../api.js";
+import { text } from "../text.js";
 
 const MOST_PATIENCE_MS = 2000; // for a quiet moment
 const STARTS = ["pointerdown", "pointermove", "keydown", "dragenter"]; // events
@@ -11,7 +13,7 @@ export async function fetchParts() {
   await new Promise((done) => new PerformanceObserver(done).observe({ type: "paint", buffered: true }));
   if (document.readyState !== "complete") await new Promise((done) => addEventListener("load", done, { once: true }));
   await quiet();
-  await load().catch(() => {}); // whoever needs them tries again, and tells
+  await load().catch(() => {}); // whoever needs them tells
 }
 
 /** Open the stage when the visitor starts to do something, so that it is there when an object is. */
@@ -24,16 +26,16 @@ export function openEarly(open) {
   for (const name of STARTS) addEventListener(name, first, { passive: true });
 }
 
-/** Open the stage on a canvas: {parts, stage}; without WebGL there is no `stage`. */
+/**
+ * Open the stage on a canvas: {parts, stage}; without WebGL there is no `stage`. Throws a Problem if three.js cannot be
+ * fetched, and again each time: most browsers do not fetch a module again before the page is reloaded.
+ */
 export function openStage(canvas) {
-  opening ??= open(canvas).catch((error) => {
-    opening = undefined;
-    throw error;
-  });
+  opening ??= open(canvas);
   return opening;
 }
 
-/** Return whether the stage is open, or being opened. */
+/** Return whether the stage is open, being opened, or could not be opened. */
 export function isOpening() {
   return opening !== undefined;
 }
@@ -48,8 +50,8 @@ export function quiet() {
 
 function load() {
   parts ??= import("./parts.js").catch((error) => {
-    parts = undefined;
-    throw error;
+    console.warn(error);
+    throw new Problem(text("noStage"), text("noStageReload"));
   });
   return parts;
 }

@@ -1,0 +1,150 @@
+"""The page in Chromium while the stage cannot draw: no WebGL, no three.js, a slow line, a busy service."""
+
+import re
+from collections.abc import Iterator
+from typing import Literal
+
+import pytest
+from playwright.sync_api import Browser, Page, Route, expect
+
+from tests.support.browsing import PICTURES, TIMEOUT_MS, TRIANGLES, inked
+
+THREE = "**/three/**"
+PICTURE = "**/picture?size=512*"  # of the stage; the gallery's are smaller
+NO_WEBGL = "HTMLCanvasElement.prototype.getContext = () => null"
+NUMBERS = re.compile("numbers")
+WIDTH = 512  # pixels of a picture
+
+Scheme = Literal["light", "dark"]
+
+
+@pytest.fixture
+def blank(browser: Browser) -> Iterator[Page]:
+    """Return a page without an address; no script may fail while a test uses it."""
+    with browser.new_context(viewport={"width": 1280, "height": 1000}, reduced_motion="reduce") as context:
+        page = context.new_page()
+        page.set_default_timeout(TIMEOUT_MS)
+        expect.set_options(timeout=TIMEOUT_MS)
+        faults: list[str] = []
+        page.on("pageerror", lambda error: faults.append(str(error)))
+        yield page
+        assert faults == []
+
+
+def _expect_picture(page: Page) -> None:
+    """Expect that a picture of one object is shown, and what one can do with the object."""
+    expect(page.locator("#about")).to_have_text(NUMBERS)
+    for offer in ("#download", "#robot", "#link"):
+        expect(page.locator(offer)).to_be_visible()
+    expect(page.locator("#stills img")).to_have_js_property("naturalWidth", WIDTH)
+    expect(page.locator("#stills img")).to_be_visible()
+    for sign in ("#empty", "#working"):
+        expect(page.locator(sign)).to_be_hidden()
+
+
+def _expect_made(page: Page) -> None:
+    """Expect that the photo became an object, which the gallery has."""
+    expect(page.locator("#framing figcaption")).to_contain_text("Background")
+    expect(page).to_have_url(re.compile(r"/#/objects/[0-9a-f]{32}$"))
+    expect(page.locator("#gallery li.shown")).to_have_count(1)
+
+
+def _hold(page: Page, pattern: str) -> list[Route]:
+    """Hold the requests for a pattern back, until `_release`."""
+    held: list[Route] = []
+    page.route(pattern, held.append)
+    return held
+
+
+def _release(page: Page, pattern: str, held: list[Route]) -> None:
+    page.unroute(pattern)
+    for route in held:
+        route.continue_()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_page_without_webgl_shows_a_picture(blank: Page, address: str, scheme: Scheme) -> None:
+    blank.emulate_media(color_scheme=scheme)
+    blank.add_init_script(NO_WEBGL)
+    blank.goto(f"{address}/")
+    _expect_picture(blank)
+    expect(blank.get_by_role("alert")).to_be_hidden()
+
+
+def test_photo_without_webgl_and_pictures_is_offered_and_listed(blank: Page, address: str) -> None:
+    blank.add_init_script(NO_WEBGL)
+    failure = {"title": "No picture", "detail": "the picture failed"}
+    blank.route(PICTURE, lambda route: route.fulfill(status=500, content_type="application/problem+json", json=failure))
+    blank.goto(f"{address}/")
+    blank.get_by_role("button", name="Barrel").click()
+    _expect_made(blank)
+    expect(blank.locator("#download")).to_be_visible()
+    expect(blank.locator("#empty")).to_contain_text("no WebGL")
+    expect(blank.locator("#problem")).to_contain_text("the picture failed")
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_photo_without_three_js_is_shown_as_a_picture_and_listed(blank: Page, address: str, scheme: Scheme) -> None:
+    blank.emulate_media(color_scheme=scheme)
+    blank.route(THREE, lambda route: route.abort())
+    blank.goto(f"{address}/")
+    _expect_picture(blank)
+    expect(blank.locator("#problem")).to_contain_text("Reload the page")
+    blank.get_by_role("button", name={"light": "Lamp", "dark": "Cup of coffee"}[scheme]).click()
+    _expect_made(blank)
+    _expect_picture(blank)
+    expect(blank.locator("#problem")).to_contain_text("Reload the page")
+    blank.screenshot(path=PICTURES / f"no-three-{scheme}.png")
+    blank.unroute(THREE)
+    blank.reload()
+    expect(blank.locator("#count")).to_have_text(TRIANGLES)
+    expect(blank.get_by_role("alert")).to_be_hidden()
+
+
+@pytest.mark.parametrize(("scheme", "sign"), [("light", "#stills img"), ("dark", "#working")])
+def test_photo_on_a_slow_line_is_not_a_blank_stage(blank: Page, address: str, scheme: Scheme, sign: str) -> None:
+    blank.emulate_media(color_scheme=scheme)
+    held = _hold(blank, THREE)
+    blank.goto(f"{address}/")
+    blank.get_by_role("button", name="Bed").click()
+    expect(blank.locator("#about")).to_have_text(NUMBERS)
+    expect(blank).to_have_url(re.compile(r"/#/objects/[0-9a-f]{32}$"))
+    expect(blank.locator(sign)).to_be_visible()
+    _release(blank, THREE, held)
+    expect(blank.locator("#count")).to_have_text(TRIANGLES)
+    for each in ("#stills", "#working"):
+        expect(blank.locator(each)).to_be_hidden()
+
+
+def test_picture_of_an_object_does_not_stay_over_another_one(blank: Page, address: str) -> None:
+    _hold(blank, THREE)
+    blank.goto(f"{address}/")
+    expect(blank.locator("#stills img")).to_be_visible()
+    pictures = _hold(blank, PICTURE)
+    blank.locator("#gallery .open").last.click()
+    expect(blank.locator("#stills")).to_be_hidden()
+    _release(blank, PICTURE, pictures)
+    expect(blank.locator("#stills img")).to_be_visible()
+
+
+def test_picture_that_the_service_is_too_busy_for_does_not_delay_the_surface(blank: Page, address: str) -> None:
+    headers = {"Retry-After": "60"}
+    blank.route(PICTURE, lambda route: route.fulfill(status=429, headers=headers, body="{}"))
+    with blank.expect_response(PICTURE):
+        blank.goto(f"{address}/")
+    expect(blank.locator("#count")).to_have_text(TRIANGLES)
+    expect(blank.locator("#notice")).to_be_hidden()  # nothing is tried again
+
+
+def test_dot_size_that_is_set_before_the_stage_opens_is_kept(blank: Page, address: str) -> None:
+    held = _hold(blank, THREE)
+    blank.goto(f"{address}/")
+    blank.get_by_role("switch", name="Surface").uncheck()
+    blank.locator("#n").fill("3")
+    blank.locator("#dots").fill("1")
+    expect(blank.locator("#about")).to_have_text(NUMBERS)
+    _release(blank, THREE, held)
+    expect(blank.locator("#count")).to_have_text("1,000 points")
+    large = inked(blank)
+    blank.locator("#dots").fill("0")
+    assert large > 1.5 * inked(blank)
