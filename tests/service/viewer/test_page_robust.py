@@ -9,11 +9,12 @@ import pytest
 from playwright.sync_api import Browser, Page, Route, expect
 
 from service.api.routes import viewer
-from tests.support.browsing import DRAWN, PICTURES, TIMEOUT_MS, TRIANGLES, photo
+from tests.support.browsing import PICTURES, TIMEOUT_MS, TRIANGLES, photo
 
 LANGUAGES = json.loads(
     (viewer.STATIC / "js" / "languages.js").read_text("utf-8").partition("LANGUAGES = ")[2].rstrip().rstrip(";")
 )
+FRAMES = "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
 
 
 def test_photo_that_is_chosen_last_wins(page: Page) -> None:
@@ -60,7 +61,7 @@ def test_photo_that_is_chosen_before_the_gallery_arrives_is_not_covered(
         summary = page.locator("#summary").text_content()
         with page.expect_event("requestfinished", lambda request: "/objects?" in request.url):
             lists[0].fulfill(json={"items": [newest], "next": None})
-        page.evaluate(DRAWN)
+        page.evaluate(FRAMES)
         assert page.locator("#summary").text_content() == summary
         assert page.locator("#working").is_visible() == (first == "gallery")
         page.unroute("**/objects?*")

@@ -134,10 +134,7 @@ async function openView() {
   startMorph({ stage, parts, show: showMorph, back: () => attempt(() => showWords(shownMix)) });
 }
 
-/**
- * Put objects on the stage, without points or surfaces; show pictures if it cannot open. Returns whether no others are
- * wanted meanwhile.
- */
+/** Put objects on the stage, or pictures if it cannot open. Returns whether no others are wanted meanwhile. */
 async function present(objects) {
   wanted = objects;
   hideStills();
