@@ -12,7 +12,7 @@ import httpx
 import numpy as np
 import pytest
 from PIL import Image
-from playwright.sync_api import Browser, ConsoleMessage, Page, Playwright, expect, sync_playwright
+from playwright.sync_api import Browser, ConsoleMessage, Page, Playwright, Route, expect, sync_playwright
 
 from service.settings import SHIPPED_MODEL, Settings
 from tests.support import ROOT
@@ -97,6 +97,24 @@ def opened(page: Page, address: str) -> Page:
     page.get_by_text("Advanced").click()
     expect(page.locator("#count")).to_have_text("10,000 points")
     return page
+
+
+def hold(page: Page, pattern: str) -> list[Route]:
+    """Hold the requests for a pattern back, until `release`."""
+    held: list[Route] = []
+
+    def keep(route: Route) -> None:
+        held.append(route)
+
+    page.route(pattern, keep)
+    return held
+
+
+def release(page: Page, pattern: str, held: list[Route]) -> None:
+    """Let held requests go, and those that follow."""
+    page.unroute(pattern)
+    for route in held:
+        route.continue_()
 
 
 def photo(name: str) -> Path:

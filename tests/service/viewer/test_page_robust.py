@@ -9,7 +9,7 @@ import pytest
 from playwright.sync_api import Browser, Page, Route, expect
 
 from service.api.routes import viewer
-from tests.support.browsing import PICTURES, TIMEOUT_MS, TRIANGLES, photo
+from tests.support.browsing import PICTURES, TIMEOUT_MS, TRIANGLES, hold, photo, release
 
 LANGUAGES = json.loads(
     (viewer.STATIC / "js" / "languages.js").read_text("utf-8").partition("LANGUAGES = ")[2].rstrip().rstrip(";")
@@ -43,14 +43,11 @@ def test_photo_that_is_chosen_before_the_gallery_arrives_is_not_covered(
     browser: Browser, address: str, first: str
 ) -> None:
     newest = httpx.post(f"{address}/encode", content=photo("chair").read_bytes(), timeout=60).json()
-    lists: list[Route] = []
-    encodings: list[Route] = []
     with browser.new_context(reduced_motion="reduce") as context:
         page = context.new_page()
         page.set_default_timeout(TIMEOUT_MS)
         expect.set_options(timeout=TIMEOUT_MS)
-        page.route("**/objects?*", lists.append)
-        page.route("**/encode?*", encodings.append)
+        lists, encodings = hold(page, "**/objects?*"), hold(page, "**/encode?*")
         with page.expect_request("**/objects?*"):
             page.goto(f"{address}/")
         with page.expect_request("**/encode?*"):
@@ -64,9 +61,9 @@ def test_photo_that_is_chosen_before_the_gallery_arrives_is_not_covered(
         page.evaluate(FRAMES)
         assert page.locator("#summary").text_content() == summary
         assert page.locator("#working").is_visible() == (first == "gallery")
-        page.unroute("**/objects?*")
-        for route in lists[1:] if first == "photo" else encodings:
-            route.continue_()
+        release(page, "**/objects?*", lists[1:])
+        if first == "gallery":
+            release(page, "**/encode?*", encodings)
         expect(page.locator("#count")).to_have_text(TRIANGLES)
         expect(page.locator("#gallery li.shown")).to_have_count(1)
 

@@ -5,9 +5,9 @@ from collections.abc import Iterator
 from typing import Literal
 
 import pytest
-from playwright.sync_api import Browser, Page, Route, expect
+from playwright.sync_api import Browser, Page, expect
 
-from tests.support.browsing import PICTURES, TIMEOUT_MS, TRIANGLES, inked
+from tests.support.browsing import PICTURES, TIMEOUT_MS, TRIANGLES, hold, inked, release
 
 THREE = "**/three/**"
 PICTURE = "**/picture?size=512*"  # of the stage; the gallery's are smaller
@@ -47,19 +47,6 @@ def _expect_made(page: Page) -> None:
     expect(page.locator("#framing figcaption")).to_contain_text("Background")
     expect(page).to_have_url(re.compile(r"/#/objects/[0-9a-f]{32}$"))
     expect(page.locator("#gallery li.shown")).to_have_count(1)
-
-
-def _hold(page: Page, pattern: str) -> list[Route]:
-    """Hold the requests for a pattern back, until `_release`."""
-    held: list[Route] = []
-    page.route(pattern, held.append)
-    return held
-
-
-def _release(page: Page, pattern: str, held: list[Route]) -> None:
-    page.unroute(pattern)
-    for route in held:
-        route.continue_()
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -104,26 +91,26 @@ def test_photo_without_three_js_is_shown_as_a_picture_and_listed(blank: Page, ad
 @pytest.mark.parametrize(("scheme", "sign"), [("light", "#stills img"), ("dark", "#working")])
 def test_photo_on_a_slow_line_is_not_a_blank_stage(blank: Page, address: str, scheme: Scheme, sign: str) -> None:
     blank.emulate_media(color_scheme=scheme)
-    held = _hold(blank, THREE)
+    held = hold(blank, THREE)
     blank.goto(f"{address}/")
     blank.get_by_role("button", name="Bed").click()
     expect(blank).to_have_url(re.compile(r"/#/objects/[0-9a-f]{32}$"))
     expect(blank.locator("#about")).to_have_text(NUMBERS)
     expect(blank.locator(sign)).to_be_visible()
-    _release(blank, THREE, held)
+    release(blank, THREE, held)
     expect(blank.locator("#count")).to_have_text(TRIANGLES)
     for each in ("#stills", "#working"):
         expect(blank.locator(each)).to_be_hidden()
 
 
 def test_picture_of_an_object_does_not_stay_over_another_one(blank: Page, address: str) -> None:
-    _hold(blank, THREE)
+    hold(blank, THREE)
     blank.goto(f"{address}/")
     expect(blank.locator("#stills img")).to_be_visible()
-    pictures = _hold(blank, PICTURE)
+    pictures = hold(blank, PICTURE)
     blank.locator("#gallery .open").last.click()
     expect(blank.locator("#stills")).to_be_hidden()
-    _release(blank, PICTURE, pictures)
+    release(blank, PICTURE, pictures)
     expect(blank.locator("#stills img")).to_be_visible()
 
 
@@ -137,13 +124,13 @@ def test_picture_that_the_service_is_too_busy_for_does_not_delay_the_surface(bla
 
 
 def test_dot_size_that_is_set_before_the_stage_opens_is_kept(blank: Page, address: str) -> None:
-    held = _hold(blank, THREE)
+    held = hold(blank, THREE)
     blank.goto(f"{address}/")
     blank.get_by_role("switch", name="Surface").uncheck()
     blank.locator("#n").fill("3")
     blank.locator("#dots").fill("1")
     expect(blank.locator("#about")).to_have_text(NUMBERS)
-    _release(blank, THREE, held)
+    release(blank, THREE, held)
     expect(blank.locator("#count")).to_have_text("1,000 points")
     large = inked(blank)
     blank.locator("#dots").fill("0")
