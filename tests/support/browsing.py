@@ -112,9 +112,18 @@ def hold(page: Page, pattern: str) -> list[Route]:
 
 def release(page: Page, pattern: str, held: list[Route]) -> None:
     """Let held requests go, and those that follow."""
-    page.unroute(pattern)
     for route in held:
         route.continue_()
+    page.unroute(pattern)
+
+
+def first(page: Page, held: list[Route]) -> Route:
+    """Wait for the first request that is held, and return it."""
+    deadline = time.monotonic() + DEADLINE_S
+    while not held:
+        assert time.monotonic() < deadline
+        page.wait_for_timeout(10)
+    return held[0]
 
 
 def photo(name: str) -> Path:
