@@ -66,12 +66,9 @@ def encode_many(
     numbered = enumerate(chunks(photos(), PIECE_ROWS))
     sources = (name for number, chunk in numbered if number in missing for name in chunk)
     with closing(encoded(partial(encode_photos, setup), sources, processes)) as rows:
+        counted = _counted(rows, done, lambda count: progress(count, total))
         for number, piece in missing.items():
-            items = []
-            for item in islice(rows, piece.size):
-                items.append(item)
-                done += 1
-                progress(done, total)
+            items = list(islice(counted, piece.size))
             _check_unchanged(piece, items)
             pieces.write(number, items)
     count = pieces.join(len(listed))
@@ -87,6 +84,13 @@ def _survey(pieces: Pieces, photos: Iterator[str]) -> list[_Listed]:
     if not listed:
         raise InvalidParameter("there are no photos: no file has the suffix of an image, or the list is empty")
     return listed
+
+
+def _counted(rows: Iterable[Item], done: int, progress: Callable[[int], None]) -> Iterator[Item]:
+    """Yield rows, and tell how many are done with each."""
+    for count, row in enumerate(rows, done + 1):
+        progress(count)
+        yield row
 
 
 def _check_unchanged(piece: _Listed, items: Sequence[Item]) -> None:

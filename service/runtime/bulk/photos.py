@@ -48,13 +48,14 @@ def encode_photos(setup: Setup, sources: Sequence[str]) -> list[Item]:
     ConnectionError : S3 cannot be used.
     """
     opened(setup)
+    read = partial(_read, max_bytes=setup.max_bytes)
     if not any(map(s3.is_url, sources)):
-        return [_encode(setup, source, partial(_read, source, setup.max_bytes)) for source in sources]
+        return [_encode(setup, source, partial(read, source)) for source in sources]
     with ThreadPoolExecutor(READERS) as readers:
-        reads = [readers.submit(_read, source, setup.max_bytes) for source in sources]
+        reads = [readers.submit(read, source) for source in sources]
         return [
-            _encode(setup, source, partial(_ahead, read, reads, partial(_read, source, setup.max_bytes)))
-            for source, read in zip(sources, reads, strict=True)
+            _encode(setup, source, partial(_ahead, ahead, reads, partial(read, source)))
+            for source, ahead in zip(sources, reads, strict=True)
         ]
 
 

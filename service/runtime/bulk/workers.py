@@ -49,7 +49,7 @@ def encoded(encode: Encode, sources: Iterable[str], processes: int) -> Generator
             yield from jobs.pop()
 
 
-@dataclass
+@dataclass(frozen=True)
 class _Job:
     names: Names
     future: "Future[list[Item]]"
@@ -73,7 +73,7 @@ class _Jobs:
 
     def add(self, names: Names) -> None:
         """Schedule a job."""
-        self._jobs.append(_Job(names, self._pool.schedule(self._encode, names)))
+        self._jobs.append(self._pool.schedule(self._encode, names))
 
     def pop(self) -> list[Item]:
         """Return the rows of the earliest job, once it has ended."""
@@ -97,9 +97,7 @@ class _Jobs:
         """Let another pool take the jobs that this one leaves."""
         self._pool.close()
         self._pool = _Pool(self._processes)
-        for job in self._jobs:
-            if job.is_lost:
-                job.future = self._pool.schedule(self._encode, job.names)
+        self._jobs = deque(self._pool.schedule(self._encode, job.names) if job.is_lost else job for job in self._jobs)
 
 
 class _Pool:
@@ -108,7 +106,7 @@ class _Pool:
     def __init__(self, processes: int) -> None:
         self._pool = ProcessPool(processes, context=multiprocessing.get_context("spawn"))
 
-    def schedule(self, encode: Encode, names: Names) -> "Future[list[Item]]":
+    def schedule(self, encode: Encode, names: Names) -> _Job:
         """Schedule a job; its future tells if the pool is broken."""
         future: Future[list[Item]]
         try:
@@ -116,9 +114,9 @@ class _Pool:
         except RuntimeError as error:  # BrokenProcessPool is one, too
             future = Future()
             future.set_exception(BrokenProcessPool(str(error)))
-        return future
+        return _Job(names, future)
 
-    def result(self, job: "_Job") -> list[Item]:
+    def result(self, job: _Job) -> list[Item]:
         """Return the result of the earliest job.
 
         A broken pool leaves jobs undone that it has not sent to a process, and so does a process that dies holding the
@@ -143,7 +141,7 @@ def _one_by_one(encode: Encode, names: Names) -> list[Item]:
     try:
         for name in names:
             try:
-                rows += pool.result(_Job((name,), pool.schedule(encode, (name,))))
+                rows += pool.result(pool.schedule(encode, (name,)))
             except TimeoutError as error:
                 rows.append(_failed(name, error))
             except (ProcessExpired, BrokenProcessPool) as error:
@@ -159,7 +157,7 @@ def _one_by_one(encode: Encode, names: Names) -> list[Item]:
 def _check(pool: _Pool, encode: Encode) -> None:
     """Raise ChildProcessError if a process dies even without photos."""
     try:
-        pool.result(_Job((), pool.schedule(encode, ())))
+        pool.result(pool.schedule(encode, ()))
     except (ProcessExpired, BrokenProcessPool) as error:
         raise ChildProcessError(
             "the processes that encode photos die as they start, perhaps because memory is short: use fewer "

@@ -72,30 +72,39 @@ def _wait(url: str, process: subprocess.Popen[bytes]) -> None:
             return
 
 
+class _Handler(BaseHTTPRequestHandler):
+    """Answers of known length, without a log."""
+
+    protocol_version = "HTTP/1.1"
+
+    def answer(self, status: HTTPStatus, body: bytes) -> None:
+        """Send an answer; to HEAD, without its body."""
+        self.send_response(status)
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        if self.command == "GET":
+            self.wfile.write(body)
+
+    def log_message(self, *_: object) -> None:
+        """Write nothing."""
+
+
 @contextmanager
 def server_of_pairs(content: bytes) -> Iterator[str]:
     """Serve one object under each name, and answer a read only beside another one."""
     pair = threading.Barrier(2)
 
-    class Handler(BaseHTTPRequestHandler):
-        protocol_version = "HTTP/1.1"
-
+    class Handler(_Handler):
         def do_HEAD(self) -> None:
-            self.send_response(HTTPStatus.OK)
-            self.send_header("Content-Length", str(len(content)))
-            self.end_headers()
+            self.answer(HTTPStatus.OK, content)
 
         def do_GET(self) -> None:
             try:
                 pair.wait(PAIR_S)
             except threading.BrokenBarrierError:
                 self.send_error(HTTPStatus.NOT_FOUND)
-                return
-            self.do_HEAD()
-            self.wfile.write(content)
-
-        def log_message(self, *_: object) -> None:
-            pass
+            else:
+                self.answer(HTTPStatus.OK, content)
 
     with _serving(Handler) as url:
         yield url
@@ -105,30 +114,18 @@ def server_of_pairs(content: bytes) -> Iterator[str]:
 def server_without_lists(content: bytes, names: Container[str], archived: Container[str]) -> Iterator[str]:
     """Serve objects, BUCKET/KEY, to all keys, which may not list: as Amazon does, deny what does not exist."""
 
-    class Handler(BaseHTTPRequestHandler):
-        protocol_version = "HTTP/1.1"
-
+    class Handler(_Handler):
         def do_HEAD(self) -> None:
             name = self.path.removeprefix("/")
-            self._answer(HTTPStatus.OK if name in names or name in archived else HTTPStatus.FORBIDDEN, content)
+            self.answer(HTTPStatus.OK if name in names or name in archived else HTTPStatus.FORBIDDEN, content)
 
         def do_GET(self) -> None:
             name = self.path.removeprefix("/")
             if name in names:
-                self._answer(HTTPStatus.OK, content)
+                self.answer(HTTPStatus.OK, content)
             else:
                 code = "InvalidObjectState" if name in archived else "AccessDenied"
-                self._answer(HTTPStatus.FORBIDDEN, f"<Error><Code>{code}</Code><Message>no</Message></Error>".encode())
-
-        def _answer(self, status: HTTPStatus, body: bytes) -> None:
-            self.send_response(status)
-            self.send_header("Content-Length", str(len(body)))
-            self.end_headers()
-            if self.command == "GET":
-                self.wfile.write(body)
-
-        def log_message(self, *_: object) -> None:
-            pass
+                self.answer(HTTPStatus.FORBIDDEN, f"<Error><Code>{code}</Code><Message>no</Message></Error>".encode())
 
     with _serving(Handler) as url:
         yield url
