@@ -230,8 +230,8 @@ class FoldedWord:
         low, folded = -high, list[Engine]()
         points = canonical_points(self._spec.domain, PROBE).T
         for theta, whole in zip(self._thetas, self._whole, strict=True):
-            grid = self._engine.GRID if np.isfinite(high - low).all() else 0
-            folded.append(self._make(Fold(self._spec, theta, low, high, grid)))
+            is_bounded = np.isfinite(high - low).all()
+            folded.append(self._make(Fold(self._spec, theta, low, high, self._engine.GRID)) if is_bounded else whole)
             points = whole.map(np.ascontiguousarray(points))
             low, high = points.min(axis=1).astype(np.float64), points.max(axis=1).astype(np.float64)
             low, high = low - MARGIN - 0.02 * (high - low), high + MARGIN + 0.02 * (high - low)

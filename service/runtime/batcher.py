@@ -59,7 +59,7 @@ class Batcher:
         self._threads = threads
         self._waiting: deque[Waiting] = deque()
         self._calling: asyncio.Task[None] | None = None
-        self._coming: set[object] = set()  # photos being framed or looked up; adding and discarding are atomic
+        self._coming = 0  # photos being framed or looked up; changed on the event loop alone
         self.images = self.calls = 0
         self.answered_at = time.monotonic()
 
@@ -83,13 +83,12 @@ class Batcher:
 
     @contextmanager
     def coming(self) -> Iterator[None]:
-        """Count a photo that has arrived and may become an image of the next call."""
-        photo = object()
-        self._coming.add(photo)
+        """Count a photo that has arrived and may become an image of the next call. On the event loop alone."""
+        self._coming += 1
         try:
             yield
         finally:
-            self._coming.discard(photo)
+            self._coming -= 1
 
     def _start(self) -> None:
         if self._waiting and self._calling is None:

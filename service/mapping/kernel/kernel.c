@@ -1,7 +1,7 @@
 /* service.mapping._kernel: what the sampler computes for each point, without Python's lock.
  *
- * Arrays are C-contiguous buffers of the types and shapes that `Kernel` in compiled.py names; others are a ValueError. The best
- * instruction set of the processor is chosen at import.
+ * Arrays are C-contiguous buffers of the types and shapes that `Kernel` in compiled.py names; others are a ValueError. Each
+ * call takes the best instruction set that the processor has, or another one that it is told.
  */
 
 #define PY_SSIZE_T_CLEAN
@@ -26,20 +26,12 @@
 #define VECTORS 2
 #define RELU(u) _mm512_max_ps(_mm512_setzero_ps(), u)
 #include "points.h"
-#undef NAME
-#undef TARGET
-#undef LANES
-#undef RELU
 
 #define NAME(f) f##_avx2
 #define TARGET __attribute__((target("avx2,fma")))
 #define LANES 8
 #define RELU(u) _mm256_max_ps(_mm256_setzero_ps(), u)
 #include "points.h"
-#undef NAME
-#undef TARGET
-#undef LANES
-#undef RELU
 
 #define NAME(f) f##_sse2
 #define TARGET
@@ -149,7 +141,7 @@ static void *take(Buffers *buffers, PyObject *array, const char *name, const cha
 }
 
 #define SHAPE(...) (Py_ssize_t *const[]){__VA_ARGS__}
-#define LENGTHS(...) (sizeof((Py_ssize_t *const[]){__VA_ARGS__}) / sizeof(Py_ssize_t *))
+#define LENGTHS(...) (sizeof(SHAPE(__VA_ARGS__)) / sizeof(Py_ssize_t *))
 #define TAKE(array, type, access, ...) \
     take(&buffers, array##_object, #array, type, access, (int)LENGTHS(__VA_ARGS__), SHAPE(__VA_ARGS__))
 
@@ -374,8 +366,9 @@ static int map_network(const Set *set, const float *theta, int64_t h, const floa
             for (int axis = 0; axis < 3; axis++)
                 unit[4 + axis] = v[axis * h + i];
         }
-        const Cell cell = {packed, h, affine};
-        set->fold_cell(&cell, (const float *const[]){x, x + n, x + 2 * n}, (float *const[]){y, y + n, y + 2 * n}, n);
+        const int64_t starts[2] = {0, h};
+        const Fold fold = {.grid = 0, .starts = starts, .packed = packed, .affine = affine};
+        map_points(set, &fold, x, n, y); /* one cell takes no memory */
     }
     free(packed);
     return packed != NULL;

@@ -91,3 +91,7 @@ TARGET static void NAME(restore)(const int32_t *restrict place, const float *res
 
 #undef Vector
 #undef TILE
+#undef NAME
+#undef TARGET
+#undef LANES
+#undef RELU
