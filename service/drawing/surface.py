@@ -66,7 +66,7 @@ def draw_surface(surface: Surface, size: int, azimuth: float = AZIMUTH_DEG, elev
 
     Parameters
     ----------
-    surface : in the object frame.
+    surface : in the object frame; `without_long` leaves out what is torn.
     size : side of the picture, pixels.
     azimuth, elevation : direction of the camera, degrees; azimuth 0 looks at the front (+Z).
 
@@ -78,8 +78,7 @@ def draw_surface(surface: Surface, size: int, azimuth: float = AZIMUTH_DEG, elev
     axes = np.stack([right, up, toward])
     side = SUPERSAMPLING * size
     viewed = surface.vertices @ axes.T
-    triangles = without_long(surface.vertices, surface.triangles)
-    raster = _rasterize(viewed, _without_hidden(viewed, triangles, COARSE), side)
+    raster = _rasterize(viewed, _without_hidden(viewed, surface.triangles, COARSE), side)
     depth = np.full(side * side, BEHIND, np.float32)
     depth[raster.pixels] = raster.mean(viewed[:, 2])
     image = np.repeat(_ground(surface.vertices, side, axes)[:, None], 3, axis=1)
