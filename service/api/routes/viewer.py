@@ -73,11 +73,12 @@ class Pages(StaticFiles):
             return None
         if f"{path}.gz" in _compressed_files():
             response = await super().get_response(f"{path}.gz", scope)
+            if response.status_code == 200:
+                response.headers["Content-Type"] = f"{mimetypes.guess_type(path)[0]}; charset=utf-8"
         else:
             response = self._compressed_now(await super().get_response(path, scope), scope)
         if response.status_code == 200:
             response.headers["Content-Encoding"] = "gzip"
-            response.headers["Content-Type"] = _media_type(path)
         return response
 
     def _compressed_now(self, plain: Response, scope: Scope) -> Response:
@@ -85,7 +86,7 @@ class Pages(StaticFiles):
         if not isinstance(plain, FileResponse):
             return plain
         content, tag = _gzip(Path(plain.path), plain.headers["last-modified"])
-        response = Response(content, headers={"ETag": tag})
+        response = Response(content, headers={"ETag": tag}, media_type=plain.media_type)
         fresh = self.is_not_modified(response.headers, Headers(scope=scope))
         return NotModifiedResponse(response.headers) if fresh else response
 
@@ -95,11 +96,6 @@ def _gzip(path: Path, modified: str) -> tuple[bytes, str]:
     """Compress a file: its bytes, and an ETag that tells them from those of the file itself."""
     content = gzip.compress(path.read_bytes(), mtime=0)
     return content, f'"{hashlib.sha256(content).hexdigest()[:32]}"'
-
-
-def _media_type(path: str) -> str:
-    media_type = mimetypes.guess_type(path)[0]
-    return f"{media_type}; charset=utf-8" if path.endswith((".css", ".js", ".html")) else str(media_type)
 
 
 @lru_cache(1)

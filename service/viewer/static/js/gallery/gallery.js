@@ -44,7 +44,6 @@ export function startGallery(handlers) {
   list.addEventListener("focusin", ({ target }) => fillBeside(target.closest("li")));
   document.addEventListener("keydown", (event) => event.key === "Escape" && pick(null));
   addEventListener("pagehide", () => [...leaving.keys()].forEach((id) => deleteObject(id, true).catch(() => {})));
-  pick(null);
 }
 
 /** Show the first page of objects, newest first. Returns the newest object, or undefined. */

@@ -21,7 +21,7 @@ export class Cloud {
     this.size = bytesPerPoint(object); // bytes of a point
     this.materials = materials;
     this.scene = new Scene();
-    this.points = new Points(new BufferGeometry(), materials?.points.shaded);
+    this.points = new Points(new BufferGeometry(), materials.points.shaded);
     this.points.frustumCulled = false; // always in view: an object fills the object frame
     this.scene.add(this.points);
     if (object.dimensions) this.shadow = shadowOf(object.dimensions); // lists lack those of older objects
