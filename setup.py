@@ -30,7 +30,7 @@ HAS_LIMITED_API: Final = not sysconfig.get_config_var("Py_GIL_DISABLED")
 KERNEL: Final = Extension(
     "service.mapping._kernel",
     [str(SOURCES / "kernel.c")],
-    depends=[str(SOURCES / "kernel.h"), str(SOURCES / "points.h")],
+    depends=[str(SOURCES / name) for name in ("arguments.h", "kernel.h", "points.h")],
     define_macros=[("Py_LIMITED_API", "0x030B0000")],  # one build for Python 3.11 and all later ones
     extra_compile_args=["-O3", "-ffp-contract=fast", "-fno-trapping-math", "-g0"],
     py_limited_api=True,
