@@ -137,7 +137,7 @@ class _Bucket:
     def read(self, path: str, limit: int) -> bytes:
         """Return the first bytes of an object. Raises OSError and ValueError."""
         with _filesystem(self._name).open_input_file(path) as file:
-            # pyarrow writes a refusal into the same memory, and parses what follows it too: zeros end it, noise does not.
+            # pyarrow writes a refusal into the same memory, and parses what follows it, too. Zeros end it.
             data = bytearray(min(file.size(), limit))
             length = file.readinto(data)
         self._exists = self._is_readable = True
