@@ -36,7 +36,7 @@ COPY --from=viewer /viewer/node_modules service/viewer/node_modules
 RUN pip wheel --no-cache-dir --no-deps --wheel-dir /wheels . \
     && test -f service/viewer/static/bundle/three/LICENSE \
     && /opt/hof/bin/pip install --no-cache-dir --no-deps /wheels/hof_service-*.whl \
-    && /opt/hof/bin/python -P -c "import service.mapping._kernel" \
+    && /opt/hof/bin/python -P -c "import service.mapping._kernel, service.encoding._pixels" \
     && /opt/hof/bin/pip check
 
 # Nothing that runs needs these: pip, tests of packages, and onnxruntime for C programs, a second copy of 35 MB.

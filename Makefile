@@ -13,7 +13,7 @@ BUNDLE := service/viewer/static/bundle/three/LICENSE
 GLTF := tests/support/gltf/node_modules/.package-lock.json
 PAGE_TOOLS := tests/service/viewer/tools/node_modules/.package-lock.json
 JS := client/js/node_modules/.package-lock.json
-KERNEL := $(wildcard service/mapping/kernel/*)
+KERNEL := $(wildcard service/mapping/kernel/* service/encoding/kernel/*)
 
 # Two targets may install into .venv.
 .NOTPARALLEL:

@@ -1,9 +1,9 @@
-"""Build what pyproject.toml cannot state: the page's bundle, service/viewer/static/bundle, and the compiled kernel.
+"""Build what pyproject.toml cannot state: the page's bundle, service/viewer/static/bundle, and the compiled kernels.
 
 three.js and Swagger UI come from npm, at the versions of service/viewer/package-lock.json.
 Beside each large text there is the same compressed, which the service sends to browsers that accept gzip.
 Without npm the package is built without the bundle, and the service says so at `/`. Without a C compiler and Python's
-headers, and for a Python without its lock, it is built without the kernel: NumPy computes the points, more slowly, and
+headers, and for a Python without its lock, it is built without the kernels: NumPy computes the points, more slowly, and
 `hof doctor` says so.
 """
 
@@ -25,17 +25,27 @@ BUNDLE: Final = VIEWER / "static" / "bundle"
 
 COMPRESSED: Final = (".js", ".css")
 
-SOURCES: Final = Path("service/mapping/kernel")
+SHARED: Final = Path("service/mapping/kernel/arguments.h")
 HAS_LIMITED_API: Final = not sysconfig.get_config_var("Py_GIL_DISABLED")
-KERNEL: Final = Extension(
-    "service.mapping._kernel",
-    [str(SOURCES / "kernel.c")],
-    depends=[str(SOURCES / name) for name in ("arguments.h", "kernel.h", "points.h")],
-    define_macros=[("Py_LIMITED_API", "0x030B0000")],  # one build for Python 3.11 and all later ones
-    extra_compile_args=["-O3", "-ffp-contract=fast", "-fno-trapping-math", "-g0"],
-    py_limited_api=True,
-    optional=True,
-)
+
+
+def _extension(name: str, source: Path, contract: str) -> Extension:
+    """Return an extension whose headers lie beside its source; `contract` says how the compiler may contract sums."""
+    return Extension(
+        name,
+        [str(source)],
+        depends=[str(header) for header in {SHARED, *source.parent.glob("*.h")}],
+        define_macros=[("Py_LIMITED_API", "0x030B0000")],  # one build for Python 3.11 and all later ones
+        extra_compile_args=["-O3", f"-ffp-contract={contract}", "-fno-trapping-math", "-g0"],
+        py_limited_api=True,
+        optional=True,
+    )
+
+
+EXTENSIONS: Final = [
+    _extension("service.mapping._kernel", Path("service/mapping/kernel/kernel.c"), "fast"),
+    _extension("service.encoding._pixels", Path("service/encoding/kernel/pixels.c"), "off"),  # Pillow's bits
+]
 
 FILES: Final = {
     "three": (
@@ -80,6 +90,6 @@ def _copy() -> None:
 
 setup(
     cmdclass={"build_py": BuildWithBundle},
-    ext_modules=[KERNEL] if HAS_LIMITED_API else [],
+    ext_modules=EXTENSIONS if HAS_LIMITED_API else [],
     options={"bdist_wheel": {"py_limited_api": "cp311"}} if HAS_LIMITED_API else {},
 )

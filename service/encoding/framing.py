@@ -5,6 +5,7 @@ decode (limits, EXIF, every color mode) -> mask (alpha, else a uniform border, e
 """
 
 import threading
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal, NamedTuple
 
@@ -12,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
+from service.encoding import compiled
 from service.encoding.decode import DEFAULT_MAX_PIXELS, check_stop, decode_with_size
 from service.encoding.masks import ALPHA_FLOOR, Mask, Matte, MattingFunction, matte_of
 from service.encoding.pixels import WORK_SIDE, reduction
@@ -87,6 +89,20 @@ class Framed:
     thumbnail: bytes | None = None
 
 
+@dataclass(frozen=True)
+class _Sums:
+    """Sums over a matte.
+
+    rows, columns : number of pixels above a floor in each row, (H,), and column, (W,).
+    total, squares : sum of the matte's values, and of their squares.
+    """
+
+    rows: npt.NDArray[np.int32]
+    columns: npt.NDArray[np.int32]
+    total: int
+    squares: int
+
+
 def frame(
     image: Image.Image,
     framing: Framing,
@@ -102,23 +118,26 @@ def frame(
     NoObjectFound : the mask is empty, or the matting model is not confident enough.
     InvalidParameter : `background="remove"`, but there is no mask.
     """
+    sizes = (framing.size, THUMBNAIL_SIDE) if thumbnail else (framing.size,)
     factor = reduction(image.size)
     work = image.reduce(factor) if factor > 1 else image
     mask, matte = ("none", None) if background == "keep" else matte_of(work, matting)
     if matte is None:
         if background == "remove":
             raise InvalidParameter(NO_MASK, field="background")
-        square = _square_around(work, None, (0, 0, *work.size), 1.0)
-        return Crop(_fit(square, framing.size), mask, (0, 0, *image.size), None, _thumbnail(square, thumbnail))
-    box = _foreground_box(matte, MATTING_FLOOR if mask == "matting" else ALPHA_FLOOR)
-    confidence = _confidence(matte)
+        rgba, *small = _squares(work, None, (0, 0, *work.size), 1.0, sizes)
+        return Crop(rgba, mask, (0, 0, *image.size), None, *small)
+    matte = np.ascontiguousarray(matte)
+    sums = _sums_of(matte, MATTING_FLOOR if mask == "matting" else ALPHA_FLOOR)
+    box = _foreground_box(sums)
+    confidence = sums.squares / sums.total / 255
     if mask == "matting" and confidence < MIN_CONFIDENCE:
         raise NoObjectFound("no object found in the image: nothing in it stands out clearly enough", field="image")
-    square = _square_around(work, Image.fromarray(matte), box, framing.foreground_ratio)
+    rgba, *small = _squares(work, matte, box, framing.foreground_ratio, sizes)
     width, height = image.size
     left, top, right, bottom = (factor * edge for edge in box)
     box = (left, top, min(right, width), min(bottom, height))
-    return Crop(_fit(square, framing.size), mask, box, confidence, _thumbnail(square, thumbnail))
+    return Crop(rgba, mask, box, confidence, *small)
 
 
 def preprocess(
@@ -156,39 +175,70 @@ def over_white(rgba: Image.Image) -> npt.NDArray[np.float32]:
     return rgb  # (1, 3, size, size)
 
 
-def _confidence(matte: Matte) -> float:
-    """Return the mean of a matte (H, W), weighted by the matte itself, in (0, 1]. It must not be all 0."""
+def _sums_of(matte: Matte, floor: int) -> _Sums:
+    """Sum a matte (H, W), and count its pixels above a floor."""
+    pixels = compiled.load()
+    if pixels is None:
+        return _numpy_sums_of(matte, floor)
+    rows, columns = np.empty(matte.shape[0], np.int32), np.empty(matte.shape[1], np.int32)
+    total, squares = pixels.summary(matte, floor, rows, columns)
+    return _Sums(rows, columns, total, squares)
+
+
+def _numpy_sums_of(matte: Matte, floor: int) -> _Sums:
+    """Compute what `_sums_of` returns, without the compiled functions."""
+    solid = (matte > floor).view(np.uint8)
+    rows = np.bitwise_count(np.packbits(solid, axis=1)).sum(axis=1, dtype=np.int32)
+    strips = [solid[top : top + STRIP].sum(axis=0, dtype=np.uint8) for top in range(0, len(solid), STRIP)]
     values = matte[_extent(matte.max(axis=1)), _extent(matte.max(axis=0))].ravel().astype(np.float32)
     whole = len(values) // EXACT * EXACT
     parts = values[:whole].reshape(-1, EXACT), values[None, whole:]
     total = sum(float(part.sum(axis=1).sum(dtype=np.float64)) for part in parts)
     squares = sum(float(np.vecdot(part, part).sum(dtype=np.float64)) for part in parts)
-    return squares / total / 255
+    return _Sums(rows, np.sum(strips, axis=0, dtype=np.int32), int(total), int(squares))
 
 
 def _extent(values: Matte) -> slice:
-    """Return the range from the first to the last value (n,) above 0; there must be one."""
+    """Return the range from the first to the last value (n,) above 0; an empty one if there is none."""
     places = np.flatnonzero(values)
-    return slice(places[0], places[-1] + 1)
+    return slice(places[0], places[-1] + 1) if len(places) else slice(0)
 
 
-def _foreground_box(matte: Matte, floor: int) -> Box:
-    """Return the bounding box of the pixels above a floor, without specks. Raises NoObjectFound."""
-    solid = (matte > floor).view(np.uint8)
-    rows = np.bitwise_count(np.packbits(solid, axis=1)).sum(axis=1)
-    strips = [solid[top : top + STRIP].sum(axis=0, dtype=np.uint8) for top in range(0, len(solid), STRIP)]
-    columns = np.sum(strips, axis=0, dtype=int)
-    if rows.sum() / solid.size < MIN_FOREGROUND:
+def _foreground_box(sums: _Sums) -> Box:
+    """Return the bounding box of the pixels above the floor, without specks. Raises NoObjectFound."""
+    if sums.rows.sum() / (len(sums.rows) * len(sums.columns)) < MIN_FOREGROUND:
         raise NoObjectFound("no object found in the image: nothing stands out from its background", field="image")
-    (top, bottom), (left, right) = _span(rows), _span(columns)
+    (top, bottom), (left, right) = _span(sums.rows), _span(sums.columns)
     return left, top, right, bottom
 
 
-def _span(counts: npt.NDArray[np.int_]) -> tuple[int, int]:
+def _span(counts: npt.NDArray[np.int32]) -> tuple[int, int]:
     """Return the first index and one past the last, after 0.02% of the foreground are cut from each end."""
     total = np.cumsum(counts)
     slack = int(total[-1] * 2e-4)
     return int(np.searchsorted(total, slack, side="right")), int(np.searchsorted(total, total[-1] - slack)) + 1
+
+
+def _squares(
+    image: Image.Image, matte: Matte | None, box: Box, foreground_ratio: float, sizes: Sequence[int]
+) -> list[Image.Image]:
+    """Cut out the square around a box, RGBA, and resize it to (size, size) for each size.
+
+    Parameters
+    ----------
+    matte : of the image; None to keep its transparency.
+    """
+    pixels, (left, top, right, _) = compiled.load(), _square(box, foreground_ratio)
+    side = right - left
+    is_alike = side // (2 * WORK_SIDE) <= 1 and all(size < side <= compiled.MOST_SUMMED * size for size in sizes)
+    picture = compiled.picture_of(image) if pixels and matte is not None and is_alike else None
+    if pixels is None or matte is None or picture is None:
+        part = _square_around(image, None if matte is None else Image.fromarray(matte), box, foreground_ratio)
+        return [_fit(part, size) for size in sizes]
+    results = {size: np.empty((size, size, 4), np.uint8) for size in sizes}
+    for rgba in results.values():
+        pixels.square(picture, matte, left, top, side, rgba)
+    return [Image.fromarray(results[size]) for size in sizes]
 
 
 def _square_around(image: Image.Image, alpha: Image.Image | None, box: Box, foreground_ratio: float) -> Image.Image:
@@ -220,10 +270,6 @@ def _fit(square: Image.Image, size: int) -> Image.Image:
     """Resize a square to (size, size)."""
     resampling = Image.Resampling.BOX if square.width >= size else Image.Resampling.BILINEAR
     return square.resize((size, size), resampling)
-
-
-def _thumbnail(square: Image.Image, wanted: bool) -> Image.Image | None:
-    return _fit(square, THUMBNAIL_SIDE) if wanted else None
 
 
 def _square(box: Box, foreground_ratio: float) -> Box:

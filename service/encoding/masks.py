@@ -7,6 +7,8 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
+from service.encoding import compiled
+
 Mask = Literal["alpha", "border", "matting", "none"]
 Matte = npt.NDArray[np.uint8]  # (H, W), 0 for background to 255 for the object
 MattingFunction = Callable[[Image.Image], Matte]  # takes an RGB image; `service.encoding.matting` implements it
@@ -21,7 +23,7 @@ BORDER_SHARE: Final = 0.8  # of the border's pixels must be alike for a uniform 
 def matte_of(image: Image.Image, matting: MattingFunction | None) -> tuple[Mask, Matte | None]:
     """Return the source of the mask, and the matte of an RGB or RGBA image; None if no source applies."""
     if image.mode == "RGBA":
-        alpha = np.asarray(image)[..., 3]
+        alpha = np.asarray(image.getchannel("A"))
         if _separates(alpha):
             return "alpha", alpha
         return _matte_within(image, alpha, matting)
@@ -56,6 +58,17 @@ def _matte_within(image: Image.Image, alpha: Matte, matting: MattingFunction | N
 
 def _border_matte(image: Image.Image) -> Matte | None:
     """Return the matte of the pixels of an RGB image that differ from a uniform border; None if it is not uniform."""
+    pixels, picture = compiled.load(), compiled.picture_of(image)
+    if pixels is None or picture is None:
+        return _numpy_border_matte(image)
+    matte = np.empty((image.height, image.width), np.uint8)
+    edge = _edge(matte.shape)
+    is_uniform = pixels.border_matte(picture, edge, BORDER_TOLERANCE, BORDER_SOFTNESS, BORDER_SHARE, matte)
+    return matte if is_uniform else None
+
+
+def _numpy_border_matte(image: Image.Image) -> Matte | None:
+    """Compute what `_border_matte` returns, without the compiled functions."""
     shape = image.height, image.width
     farthest = np.zeros(shape, np.uint8)  # largest channel difference to the border's median
     higher, lower = np.empty_like(farthest), np.empty_like(farthest)

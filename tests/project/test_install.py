@@ -65,7 +65,7 @@ def test_install_without_a_compiler_succeeds_and_serves_by_numpy(
     install: Callable[[str], tuple[str, Path]], photo: bytes
 ) -> None:
     _, site = install("false")
-    assert not list(site.glob("service/mapping/_kernel*"))
+    assert not list(site.glob("service/*/_*.so"))
     assert f"warn kernel    {NOT_BUILT}" in _run(site, "doctor")
     with hof_serve(site, SHIPPED_MODEL, command=HOF, PYTHONPATH=str(site)) as served:
         answer = httpx.post(
@@ -81,5 +81,6 @@ def test_install_with_a_compiler_has_a_kernel_for_every_python(install: Callable
     name, site = install("cc")
     assert "-cp311-abi3-" in name
     assert [path.name for path in site.glob("service/mapping/_kernel*")] == ["_kernel.abi3.so"]
-    assert not list(site.glob("service/mapping/kernel/*"))
+    assert [path.name for path in site.glob("service/encoding/_pixels*")] == ["_pixels.abi3.so"]
+    assert not list(site.glob("service/*/kernel/*"))
     assert "ok   kernel    compiled, with " in _run(site, "doctor")

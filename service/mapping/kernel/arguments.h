@@ -20,8 +20,12 @@ static int is_of_type(const Py_buffer *view, const char *type)
     const char *format = view->format ? view->format : "B";
     if (strcmp(type, "int64") == 0)
         return view->itemsize == 8 && (strcmp(format, "l") == 0 || strcmp(format, "q") == 0);
+    if (strcmp(type, "int32") == 0)
+        return view->itemsize == 4 && (strcmp(format, "i") == 0 || strcmp(format, "l") == 0);
     if (strcmp(type, "bool") == 0)
         return strcmp(format, "?") == 0;
+    if (strcmp(type, "uint8") == 0)
+        return strcmp(format, "B") == 0;
     return strcmp(format, "f") == 0; /* float32 */
 }
 
