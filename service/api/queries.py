@@ -1,8 +1,14 @@
-"""Parameters and JSON bodies of the API's calls. Unknown parameters are errors."""
+"""Parameters and JSON bodies of the API's calls. Unknown parameters are errors.
 
-from typing import Annotated, Literal
+FastAPI takes 50 microseconds to read the parameters of `POST /encode`, and more for a call with more of them; pydantic
+takes 1. So calls that come often read their query with `read_query`, and list it in the schema with `parameters_of`.
+"""
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from typing import Annotated, Any, Literal, TypeVar
+
+from fastapi.exceptions import RequestValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from starlette.requests import Request
 
 from service.formats.precision import Dtype
 from service.formats.weights import WeightFormatName
@@ -23,6 +29,32 @@ class NoQuery(BaseModel):
     """A query without parameters: any parameter is an error."""
 
     model_config = ConfigDict(extra="forbid")
+
+
+Query = TypeVar("Query", bound=NoQuery)
+
+
+def read_query(request: Request, model: type[Query]) -> Query:
+    """Return the parameters of a request. Raises RequestValidationError, as FastAPI does for those that it reads."""
+    try:
+        return model.model_validate(dict(request.query_params) if request.scope["query_string"] else {})
+    except ValidationError as error:
+        raise RequestValidationError([{**each, "loc": ("query", *each["loc"])} for each in error.errors()]) from error
+
+
+def parameters_of(model: type[NoQuery]) -> list[dict[str, Any]]:
+    """Return the OpenAPI parameters of a query that `read_query` reads."""
+    schema = model.model_json_schema()
+    return [
+        {
+            "name": name,
+            "in": "query",
+            "required": name in schema.get("required", []),
+            "schema": {key: value for key, value in field.items() if (key, value) != ("default", None)},
+            "description": field["description"],
+        }
+        for name, field in schema["properties"].items()
+    ]
 
 
 class EncodeQuery(EncodeOptions, NoQuery):

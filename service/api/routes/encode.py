@@ -1,16 +1,16 @@
 """POST /encode: an image, several of one object, or points of a part of it, become an object."""
 
 from collections.abc import Sequence
-from typing import Annotated, Final
+from typing import Final
 
-from fastapi import APIRouter, Query
+from fastapi import APIRouter
 from starlette.requests import Request
 from starlette.responses import Response
 
 from service.api.admission import needs_gate
 from service.api.context import client_of
-from service.api.dependencies import ReadyRuntime
-from service.api.queries import EncodeQuery
+from service.api.dependencies import ready_runtime
+from service.api.queries import EncodeQuery, parameters_of, read_query
 from service.api.responses.completed import CompletedObject, CompletedWeights
 from service.api.responses.errors import BINARY, BODY_STALLED, NO_SPACE, OBJECT_LOCATION, OVERLOADED, Problem, Responses
 from service.api.responses.objects import EncodedObject, EncodedWeights, StoredObject
@@ -103,12 +103,10 @@ RESPONSES: Final[Responses] = {
     response_model=EncodedObject | CompletedObject | EncodedWeights | CompletedWeights,
     response_model_exclude_none=True,
     responses=RESPONSES,
-    openapi_extra={"requestBody": REQUEST_BODY},
+    openapi_extra={"parameters": parameters_of(EncodeQuery), "requestBody": REQUEST_BODY},
 )
 @needs_gate("images")
-async def encode(
-    request: Request, response: Response, query: Annotated[EncodeQuery, Query()], runtime: ReadyRuntime
-) -> EncodedObject | CompletedObject | EncodedWeights | CompletedWeights:
+async def encode(request: Request) -> Response:
     """Turn the photo of one object, or points of a part of it, into a mapping function, and keep it.
 
     The id is a digest of the image's bytes, its framing, and the models. A repeat answers 200 with the same object
@@ -119,6 +117,8 @@ async def encode(
 
     Points are completed by a model that takes them. The answer's `placement` puts the whole object where they lie.
     """
+    runtime = await ready_runtime(request)
+    query = read_query(request, EncodeQuery)
     runtime.models.named(query.model)  # a wrong name is refused before the body is read
     client, gates = client_of(request.scope), runtime.gates
     with gates.images.admit(client=client) as admitted, gates.uploads.admit(0, client) as upload:
@@ -130,10 +130,9 @@ async def encode(
             answer, is_new = await _answer_points(request, query, runtime, points, label)
         else:
             answer, is_new = await _answer_photos(request, query, runtime, images, label)
-    if is_new and isinstance(answer, StoredObject):
-        response.status_code = 201
-        response.headers["Location"] = answer.links.self_
-    return answer
+    headers = {"Location": answer.links.self_} if is_new and isinstance(answer, StoredObject) else None
+    content = answer.model_dump_json(by_alias=True, exclude_none=True)
+    return Response(content, 201 if headers else 200, headers, "application/json")
 
 
 async def _answer_photos(

@@ -1,14 +1,12 @@
 """GET /objects/{id}/mesh: an object's surface, as a file."""
 
-from typing import Annotated
-
-from fastapi import APIRouter, Query
+from fastapi import APIRouter
 from starlette.requests import Request
 from starlette.responses import Response
 
 from service.api.context import client_of
 from service.api.dependencies import ObjectId, ReadyRuntime
-from service.api.queries import MeshQuery
+from service.api.queries import MeshQuery, parameters_of, read_query
 from service.api.routes.file_answers import NOT_ACCEPTABLE, FileAnswer, file_responses, format_of
 from service.formats.mesh.registry import MESH_FORMATS, MeshFormat
 from service.mapping.frame import Frame
@@ -26,10 +24,9 @@ router = APIRouter(prefix="/objects", tags=["objects"])
     "/{id}/mesh",
     response_class=Response,
     responses=file_responses("The surface in the chosen format", MESH_FORMATS.values()) | NOT_ACCEPTABLE,
+    openapi_extra={"parameters": parameters_of(MeshQuery)},
 )
-async def mesh(
-    request: Request, id_: ObjectId, query: Annotated[MeshQuery, Query()], runtime: ReadyRuntime
-) -> Response:
+async def mesh(request: Request, id_: ObjectId, runtime: ReadyRuntime) -> Response:
     """Compute the object's surface: triangles of the canonical domain through f^k, with normals.
 
     Every format uses the object frame (+Y up, front +Z, longest side `scale`), or with `frame=camera` that of the
@@ -39,6 +36,7 @@ async def mesh(
     The surface is for display, not a closed solid: it is open where f tears parts apart, and a solid domain gives
     several layers.
     """
+    query = read_query(request, MeshQuery)
     fmt = format_of(request, query.format, MESH_FORMATS)
     record, frame = await complete_record(runtime, await runtime.store.record(id_), client=client_of(request.scope))
     view = view_of(query, record.estimates, record.image)

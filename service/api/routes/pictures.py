@@ -8,7 +8,7 @@ from starlette.responses import Response
 
 from service.api.context import client_of
 from service.api.dependencies import ObjectId, ReadyRuntime
-from service.api.queries import NoQuery, PictureQuery
+from service.api.queries import NoQuery, PictureQuery, parameters_of, read_query
 from service.api.responses.errors import Problem
 from service.api.routes.file_answers import NOT_ACCEPTABLE, FileAnswer, file_responses, format_of
 from service.errors import InvalidParameter, NotFound
@@ -23,11 +23,11 @@ router = APIRouter(prefix="/objects", tags=["objects"])
     "/{id}/picture",
     response_class=Response,
     responses=file_responses("The picture in the chosen format", PICTURE_FORMATS.values()) | NOT_ACCEPTABLE,
+    openapi_extra={"parameters": parameters_of(PictureQuery)},
 )
-async def picture(
-    request: Request, id_: ObjectId, query: Annotated[PictureQuery, Query()], runtime: ReadyRuntime
-) -> Response:
+async def picture(request: Request, id_: ObjectId, runtime: ReadyRuntime) -> Response:
     """Draw the object's surface in soft light over white, in its colors if it has any; still, or turning once."""
+    query = read_query(request, PictureQuery)
     fmt = _format_of(request, query)
     check_turntable(query)
     record, frame = await complete_record(runtime, await runtime.store.record(id_), client=client_of(request.scope))

@@ -1,15 +1,14 @@
 """GET /objects/{id}/points: an object's point cloud, streamed as a file."""
 
 from collections.abc import AsyncIterator
-from typing import Annotated
 
-from fastapi import APIRouter, Query
+from fastapi import APIRouter
 from starlette.requests import Request
 from starlette.responses import Response, StreamingResponse
 
 from service.api.context import client_of
 from service.api.dependencies import ObjectId, ReadyRuntime
-from service.api.queries import PointsQuery
+from service.api.queries import PointsQuery, parameters_of, read_query
 from service.api.routes.file_answers import NOT_ACCEPTABLE, FileAnswer, file_responses, format_of
 from service.api.wire.caching import accepts_gzip
 from service.api.wire.disconnects import AdmittedStream
@@ -29,10 +28,9 @@ router = APIRouter(prefix="/objects", tags=["objects"])
     "/{id}/points",
     response_class=StreamingResponse,
     responses=file_responses("The points, streamed", POINT_FORMATS.values()) | NOT_ACCEPTABLE,
+    openapi_extra={"parameters": parameters_of(PointsQuery)},
 )
-async def points(
-    request: Request, id_: ObjectId, query: Annotated[PointsQuery, Query()], runtime: ReadyRuntime
-) -> Response:
+async def points(request: Request, id_: ObjectId, runtime: ReadyRuntime) -> Response:
     """Sample the object: canonical points through f^k, in the object frame (+Y up, front +Z, longest side `scale`).
 
     The frame is that of the whole object, so all clouds of an object share it; a cloud of few points does not quite
@@ -42,6 +40,7 @@ async def points(
 
     The first m points of n are the points of m; `offset` continues where another call stopped.
     """
+    query = read_query(request, PointsQuery)
     fmt, settings = format_of(request, query.format, POINT_FORMATS), runtime.settings
     check_size(fmt, query.n, settings.max_points)
     check_range(query.n, query.seed, query.offset, query.sampling)

@@ -1,14 +1,12 @@
 """GET /objects/{id}/weights: an object's weights, as a file."""
 
-from typing import Annotated
-
-from fastapi import APIRouter, Query
+from fastapi import APIRouter
 from starlette.requests import Request
 from starlette.responses import Response
 
 from service.api.context import client_of
 from service.api.dependencies import ObjectId, ReadyRuntime
-from service.api.queries import WeightsQuery
+from service.api.queries import WeightsQuery, parameters_of, read_query
 from service.api.routes.file_answers import FileAnswer, file_responses
 from service.formats.weights import WEIGHT_FORMATS, Weights, check_dtype, dump
 from service.mapping.box import PROBE_POINTS
@@ -22,10 +20,9 @@ router = APIRouter(prefix="/objects", tags=["objects"])
     "/{id}/weights",
     response_class=Response,
     responses=file_responses("theta in the chosen format", WEIGHT_FORMATS.values()),
+    openapi_extra={"parameters": parameters_of(WeightsQuery)},
 )
-async def weights(
-    request: Request, id_: ObjectId, query: Annotated[WeightsQuery, Query()], runtime: ReadyRuntime
-) -> Response:
+async def weights(request: Request, id_: ObjectId, runtime: ReadyRuntime) -> Response:
     """Return theta with its spec: everything needed to sample the object elsewhere.
 
     The file of a composed object holds its k thetas and its word. Of an object in color, safetensors and JSON also
@@ -35,6 +32,7 @@ async def weights(
     `dtype=float16` or `int8` makes a safetensors file two or four times shorter; `loss` in its metadata tells how far
     the object's points move because of that.
     """
+    query = read_query(request, WeightsQuery)
     check_dtype(query.format, query.dtype)
     record, frame = await complete_record(runtime, await runtime.store.record(id_), client=client_of(request.scope))
     answer = FileAnswer(id_, WEIGHT_FORMATS[query.format], query.format, query.dtype, frame)

@@ -21,9 +21,10 @@ VERTEX: Final = re.compile(rb"^[ ]*vertex[ ]+(.*)$", re.MULTILINE)
 
 def kind_of(data: bytes) -> Literal["pcd", "xyz", "obj", "stl"] | None:
     """Return the format of a text by its first lines; None if it is none of these."""
-    head = data[:LOOK].translate(SEPARATORS)
-    if b"\0" in head.split(b"DATA binary")[0]:
+    zero = data.find(b"\0", 0, LOOK)  # in a photo among the first bytes: the rest is not looked at
+    if zero >= 0 and b"DATA binary" not in data[:zero].translate(SEPARATORS):
         return None
+    head = data[:LOOK].translate(SEPARATORS)
     first = next((line.strip() for line in head.split(b"\n") if line.strip() and not line.startswith(b"#")), b"")
     if head.startswith(b"# .PCD") or first.startswith(b"VERSION"):
         return "pcd"
