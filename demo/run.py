@@ -1,9 +1,10 @@
-"""Run the demo: start `hof serve`, send it the pictures of this folder, fetch points, draw both side by side.
+"""Run the demo: start `hof serve`, send it the photos of this folder, save points and a picture of each object.
 
 Needs what the service needs and nothing more; the standard library talks HTTP.
 """
 
 import argparse
+import io
 import json
 import os
 import socket
@@ -13,19 +14,12 @@ import tempfile
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
-import numpy as np
-import numpy.typing as npt
 from PIL import Image
-
-from service.drawing.cloud import draw
-
-Floats = npt.NDArray[np.float32]
-Bytes = npt.NDArray[np.uint8]
 
 HERE: Final = Path(__file__).resolve().parent
 PICTURES: Final = (".png", ".jpg")
@@ -44,13 +38,13 @@ def main() -> int:
     try:
         out.mkdir(parents=True, exist_ok=True)
         with serving() as address:
-            rows = [row(photo, *lift(photo, address, out)) for photo in photos]
+            pictures = [lift(photo, address, out) for photo in photos]
     except urllib.error.HTTPError as error:
         return fail(f"{error.url} answered {error.code}: {error.read().decode(errors='replace')}")
     except (OSError, RuntimeError) as error:
         return fail(str(error))
-    Image.fromarray(np.concatenate(rows)).save(out / "demo.png", optimize=True)
-    print(f"{out / 'demo.png'}: each photo beside {POINTS} points of its object")
+    side_by_side(photos, pictures).save(out / "demo.png", optimize=True)
+    print(f"{out / 'demo.png'}: each photo beside its object")
     return 0
 
 
@@ -101,28 +95,28 @@ def request(url: str, body: bytes | None = None) -> bytes:
     return data
 
 
-def lift(photo: Path, address: str, out: Path) -> tuple[Floats, Bytes | None]:
-    """Encode a photo over HTTP, write its points as PLY and GLB, and return them, (n, 3), with their colors if any."""
+def lift(photo: Path, address: str, out: Path) -> Image.Image:
+    """Encode a photo over HTTP, write points of its object as PLY and GLB, and return the service's picture of it."""
     stored = json.loads(request(f"{address}/encode", photo.read_bytes()))
-    files = {}
     for kind in ("ply", "glb"):
         path = out / f"{photo.stem}.{kind}"
-        files[kind] = request(f"{address}{stored['links']['points']}?n={POINTS}&format={kind}")
-        path.write_bytes(files[kind])
-        print(f"{path}: {POINTS} points of {photo.name}, {len(files[kind])} bytes")
-    _, _, body = files["ply"].partition(b"end_header\n")
-    rows = np.frombuffer(body, np.uint8).reshape(POINTS, -1)  # x y z, float32; red green blue, a byte each
-    return np.ascontiguousarray(rows[:, :12]).view("<f4"), rows[:, 12:] if stored.get("color") else None
+        content = request(f"{address}{stored['links']['points']}?n={POINTS}&format={kind}")
+        path.write_bytes(content)
+        print(f"{path}: {POINTS} points of {photo.name}, {len(content)} bytes")
+    return Image.open(io.BytesIO(request(f"{address}{stored['links']['self']}/picture?size={SIDE}&format=png")))
 
 
-def row(photo: Path, points: Floats, colors: Bytes | None) -> Bytes:
-    """Draw a photo and its points side by side, (SIDE, 2 * SIDE, 3)."""
-    cell = Image.new("RGBA", (SIDE, SIDE), "white")
-    picture = Image.open(photo).convert("RGBA")
-    scale = 0.9 * SIDE / max(picture.size)
-    picture = picture.resize((round(picture.width * scale), round(picture.height * scale)))
-    cell.alpha_composite(picture, ((SIDE - picture.width) // 2, (SIDE - picture.height) // 2))
-    return np.concatenate([np.asarray(cell.convert("RGB")), draw(points, SIDE, colors=colors)], axis=1)
+def side_by_side(photos: Sequence[Path], pictures: Sequence[Image.Image]) -> Image.Image:
+    """Return each photo beside the picture of its object, a row each."""
+    sheet = Image.new("RGB", (2 * SIDE, SIDE * len(photos)), "white")
+    for number, (path, picture) in enumerate(zip(photos, pictures, strict=True)):
+        photo = Image.open(path).convert("RGBA")
+        scale = 0.9 * SIDE / max(photo.size)
+        photo = photo.resize((round(photo.width * scale), round(photo.height * scale)))
+        left, top = (SIDE - photo.width) // 2, (SIDE - photo.height) // 2
+        sheet.paste(photo, (left, number * SIDE + top), photo)
+        sheet.paste(picture, (SIDE, number * SIDE))
+    return sheet
 
 
 if __name__ == "__main__":

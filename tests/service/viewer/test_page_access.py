@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import numpy as np
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Browser, Page, ViewportSize, expect
 
 from service.api.keys import make_key
 from service.settings import Settings
@@ -90,6 +90,19 @@ def test_page_on_a_dark_phone_fits_its_width(browser: Browser, address: str) -> 
         assert page.evaluate("document.documentElement.scrollWidth") == 360
         assert np.median(pixels(page)) < 80  # the stage, whatever the color of the object
         page.screenshot(path=PICTURES / "phone.png", full_page=True)
+
+
+def test_photo_on_a_phone_has_its_object_and_its_cut_out_on_the_first_screen(browser: Browser, address: str) -> None:
+    size: ViewportSize = {"width": 390, "height": 664}  # beside the bars of a browser
+    with browser.new_context(viewport=size, has_touch=True, is_mobile=True, reduced_motion="reduce") as context:
+        page = context.new_page()
+        page.set_default_timeout(TIMEOUT_MS)
+        page.goto(f"{address}/")
+        page.get_by_role("button", name="Lamp").click()
+        expect(page.locator("#count")).to_have_text(TRIANGLES, timeout=TIMEOUT_MS)
+        for shown in ("#stage", "#framing .picture", "#framing figcaption img", "#crop", "#background"):
+            expect(page.locator(shown)).to_be_in_viewport(ratio=1)
+        page.screenshot(path=PICTURES / "phone-photo.png")
 
 
 def test_documentation_loads_nothing_from_elsewhere(browser: Browser, address: str) -> None:

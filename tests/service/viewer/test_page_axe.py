@@ -30,9 +30,12 @@ def look(request: pytest.FixtureRequest) -> tuple[int, int, str]:
 
 @pytest.fixture
 def visitor(browser: Browser, address: str, look: tuple[int, int, str]) -> Iterator[Page]:
-    """Open the page at a size, light or dark."""
+    """Open the page at a size, light or dark; nothing may be requested from elsewhere while a test uses it."""
     with _context(browser, look) as context:
+        urls: list[str] = []
+        context.on("request", lambda request: urls.append(request.url))
         yield opened(context.new_page(), address)
+        assert [url for url in urls if not url.startswith((address, f"blob:{address}", "data:"))] == []
 
 
 @contextmanager

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import pytest
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Browser, Page, Route, ViewportSize, expect
 
 from service.settings import SHIPPED_MODEL, Settings
 from tests.support.browsing import PICTURES, TIMEOUT_MS
@@ -126,3 +126,32 @@ def test_gallery_card_out_of_view_has_its_name_for_screen_readers(full_page: Pag
     expect(page.locator("#gallery li").first.locator(".open")).to_be_focused()
     page.get_by_role("button", name="Undo").click()
     expect(first).to_be_visible()
+
+
+def test_gallery_pictures_wait_for_the_object_on_the_stage_and_are_tried_again_in_silence(
+    browser: Browser, full_address: str
+) -> None:
+    paths: list[str] = []
+    refused: list[str] = []
+
+    def refuse_once(route: Route) -> None:
+        if refused:
+            route.continue_()
+        else:
+            refused.append(route.request.url)
+            route.fulfill(status=429, headers={"Retry-After": "2"}, body="{}")
+
+    size: ViewportSize = {"width": 1280, "height": 1600}
+    with browser.new_context(viewport=size, reduced_motion="reduce") as context:
+        page = context.new_page()
+        page.set_default_timeout(TIMEOUT_MS)
+        page.on("request", lambda request: paths.append(request.url))
+        page.route("**/picture?size=240&*", refuse_once)
+        with page.expect_response(lambda response: response.status == 429):
+            page.goto(f"{full_address}/")
+        expect(page.locator("#notice")).to_be_hidden()
+        id_ = refused[0].split("/")[-2]
+        expect(page.locator(f'#gallery li[data-id="{id_}"] img').first).to_have_attribute("src", re.compile("^blob:"))
+        expect(page.locator("#notice")).to_be_hidden()
+    first = next(index for index, path in enumerate(paths) if "size=240" in path)
+    assert any("/mesh?" in path for path in paths[:first])

@@ -7,11 +7,22 @@ from typing import Literal
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from tests.support.browsing import PICTURES, TIMEOUT_MS, TRIANGLES, hold, inked, release
+from tests.support.browsing import PICTURES, TIMEOUT_MS, TRIANGLES, first, hold, inked, release
 
 THREE = "**/three/**"
-PICTURE = "**/picture?size=512*"  # of the stage; the gallery's are smaller
+PICTURE = "**/picture?size={320,512}&*"  # of the stage; the gallery's are smaller
 NO_WEBGL = "HTMLCanvasElement.prototype.getContext = () => null"
+COUNT_ADDRESSES = """
+    globalThis.addresses = new Set();
+    for (const [name, change] of [["createObjectURL", "add"], ["revokeObjectURL", "delete"]]) {
+        const original = URL[name];
+        URL[name] = (value) => {
+            const result = original.call(URL, value);
+            addresses[change](result ?? value);
+            return result;
+        };
+    }
+"""
 NUMBERS = re.compile("numbers")
 WIDTH = 512  # pixels of a picture
 
@@ -58,6 +69,20 @@ def test_page_without_webgl_shows_a_picture(blank: Page, address: str, scheme: S
     expect(blank.get_by_role("alert")).to_be_hidden()
 
 
+def test_pictures_that_were_shown_are_given_up(blank: Page, address: str) -> None:
+    blank.add_init_script(NO_WEBGL)
+    blank.add_init_script(COUNT_ADDRESSES)
+    blank.set_viewport_size({"width": 1280, "height": 300})  # the gallery's pictures are not in view
+    blank.goto(f"{address}/")
+    _expect_picture(blank)
+    for opening in (*blank.locator("#gallery .open").all(), *blank.locator("#gallery .open").all()):
+        shown = blank.locator("#stills img").get_attribute("src")
+        opening.dispatch_event("click")
+        expect(blank.locator("#stills img")).not_to_have_attribute("src", str(shown))
+        _expect_picture(blank)
+    assert blank.evaluate("addresses.size") == 1
+
+
 def test_photo_without_webgl_and_pictures_is_offered_and_listed(blank: Page, address: str) -> None:
     blank.add_init_script(NO_WEBGL)
     failure = {"title": "No picture", "detail": "the picture failed"}
@@ -81,6 +106,9 @@ def test_photo_without_three_js_is_shown_as_a_picture_and_listed(blank: Page, ad
     _expect_made(blank)
     _expect_picture(blank)
     expect(blank.locator("#problem")).to_contain_text("Reload the page")
+    with blank.expect_download():
+        blank.get_by_role("button", name="Download").click()
+    expect(blank.locator("#problem")).to_contain_text("Reload the page")  # 3D is still missing
     blank.screenshot(path=PICTURES / f"no-three-{scheme}.png")
     blank.unroute(THREE)
     blank.reload()
@@ -135,3 +163,13 @@ def test_dot_size_that_is_set_before_the_stage_opens_is_kept(blank: Page, addres
     large = inked(blank)
     blank.locator("#dots").fill("0")
     assert large > 1.5 * inked(blank)
+
+
+def test_points_that_have_arrived_are_dense_while_more_are_on_their_way(page: Page) -> None:
+    before = inked(page)
+    held = hold(page, "**/points?*")
+    page.locator("#n").press("End")
+    first(page, held)
+    assert inked(page) > 0.9 * before  # discs as large as those of 10,000 points
+    release(page, "**/points?*", held)
+    expect(page.locator("#count")).to_have_text("1,000,000 points")

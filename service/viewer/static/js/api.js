@@ -20,19 +20,20 @@ export class Problem extends Error {
   }
 }
 
-async function call(path, options = {}) {
+/** `isQuiet`: the visitor is not told that the service is busy. */
+async function call(path, { isQuiet, ...options } = {}) {
   for (let tries = 1; ; tries++) {
     const answer = await send(path, options);
     if (answer.ok) return answer;
     if (!BUSY.includes(answer.status) || tries === TRIES) throw await problemOf(answer);
-    await wait(answer.headers.get("Retry-After"), options.signal);
+    await wait(answer.headers.get("Retry-After"), options.signal, isQuiet);
   }
 }
 
 /** Wait as long as a busy service asks for, and tell the visitor. Throws AbortError if the call is aborted. */
-async function wait(retryAfter, signal) {
+async function wait(retryAfter, signal, isQuiet) {
   const seconds = Math.min(MAX_WAIT_S, Math.max(1, Number(retryAfter) || 1));
-  const hide = notify(text("busy", { seconds }));
+  const hide = isQuiet ? () => {} : notify(text("busy", { seconds }));
   try {
     await new Promise((done, failed) => {
       setTimeout(done, 1000 * seconds);
@@ -123,22 +124,22 @@ export async function planPath(id, body, signal) {
   return (await call(`objects/${id}/path`, { method: "POST", headers, body, signal })).json();
 }
 
-/** Fetch a file of the service: {blob, name}. */
-export async function fetchFile(path, signal) {
-  const answer = await call(path, { signal });
+/** Fetch a file of the service: {blob, name}. `options`: {signal, isQuiet} of `call`. */
+export async function fetchFile(path, options) {
+  const answer = await call(path, options);
   const name = /filename="(.+)"/.exec(answer.headers.get("Content-Disposition"))?.[1] ?? path.split("/").at(-1);
   return { blob: await answer.blob(), name };
 }
 
-/** Fetch a picture of an object: the address of a blob. */
-export async function fetchPicture(object, size, signal) {
-  const { blob } = await fetchFile(filePath(object, "picture", { size, format: "webp" }), signal);
+/** Fetch a picture of an object: the address of a blob. `options`: {signal, isQuiet} of `call`. */
+export async function fetchPicture(object, size, options) {
+  const { blob } = await fetchFile(filePath(object, "picture", { size, format: "webp" }), options);
   return URL.createObjectURL(blob);
 }
 
 /** Fetch the object as its photo shows it, if the object has that: the address of a blob. */
 export async function fetchPhoto(object) {
-  return URL.createObjectURL((await fetchFile(`objects/${object.id}/photo`)).blob);
+  return URL.createObjectURL((await fetchFile(`objects/${object.id}/photo`, { isQuiet: true })).blob);
 }
 
 /** Fetch a path and return all its bytes (ArrayBuffer). */

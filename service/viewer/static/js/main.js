@@ -2,6 +2,7 @@
 import { compose, fetchObject } from "./api.js";
 import { showCurl } from "./object/curl.js";
 import { markCards, reloadGallery, startGallery, updateCard } from "./gallery/gallery.js";
+import { startPictures } from "./gallery/thumbnails.js";
 import { hideName, showName, startNaming } from "./object/name.js";
 import { watchConnection } from "./notice.js";
 import { addressedId, wordBody } from "./objects.js";
@@ -9,6 +10,8 @@ import { hasPhoto, hidePhoto, showModels, startPhotos } from "./photo/photo.js";
 import { attempt } from "./problem.js";
 import { translatePage } from "./text.js";
 import { clearView, focusStage, showObject, showWords, startView, stopWorking } from "./object/view.js";
+
+const PATIENCE_MS = 3000; // for the object that the page begins with
 
 const galleryLine = document.querySelector('.curl[data-of="gallery"]');
 
@@ -102,4 +105,4 @@ startPhotos({
 showCurl(galleryLine, "", "objects");
 addEventListener("popstate", () => attempt(showAddressed));
 attempt(showModels);
-attempt(begin);
+Promise.race([attempt(begin), new Promise((done) => setTimeout(done, PATIENCE_MS))]).then(startPictures);

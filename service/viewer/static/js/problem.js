@@ -4,22 +4,29 @@ import { text } from "./text.js";
 
 const box = document.getElementById("problem");
 
-/** Show an error until it is closed or the next action starts. Aborted calls are no errors. */
+let isLasting = false; // the error that is shown concerns all that follows
+
+/**
+ * Show an error until it is closed or the next action starts; a lasting one until it is closed. Aborted calls are no
+ * errors.
+ */
 export function showProblem(error) {
   if (error.name === "AbortError") return;
   if (!(error instanceof Problem)) console.error(error);
+  isLasting = error.isLasting ?? false;
   box.querySelector("strong").textContent = error.title ?? text("pageFailed");
   box.querySelector("span").textContent = error.message;
   box.hidden = false;
 }
 
-export function hideProblem() {
+function hideProblem() {
   box.hidden = true;
+  isLasting = false;
 }
 
 /** Run an action and show its error, if it fails. */
 export async function attempt(action) {
-  hideProblem();
+  if (!isLasting) hideProblem();
   try {
     await action();
   } catch (error) {

@@ -1,14 +1,22 @@
-// The pictures of the cards: fetched for those in view, a few at a time, and the latest ones kept.
+// The pictures of the cards: fetched for those in view, two at a time, and the latest ones kept. They wait for the object
+// on the stage, and leave it room: a service draws so much for one visitor at a time.
 import { fetchPhoto, fetchPicture } from "../api.js";
 import { showProblem } from "../problem.js";
 
 const SIDE = 240; // of a picture, pixels
-const AT_A_TIME = 4; // cards whose pictures are fetched together
+const AT_A_TIME = 2; // cards whose pictures are fetched together
 const KEPT = 300; // cards whose pictures are kept
 
 const kept = new Map(); // {picture, photo}, addresses by `keyOf`; the last one was drawn last
 const waiting = new Map(); // {object, item} by id, of cards in view
 let fetching = 0;
+let isHeld = true; // until `startPictures`
+
+/** Begin to fetch pictures. */
+export function startPictures() {
+  isHeld = false;
+  next();
+}
 
 /** Draw the pictures of a card, when its turn comes. */
 export function wantPictures(card) {
@@ -31,7 +39,7 @@ export function imagesOf(object) {
 }
 
 function next() {
-  while (fetching < AT_A_TIME && waiting.size) {
+  while (!isHeld && fetching < AT_A_TIME && waiting.size) {
     const [id, card] = [...waiting].at(-1); // whoever scrolls on wants what came into view last
     waiting.delete(id);
     fetching++;
@@ -47,7 +55,7 @@ function next() {
 async function draw({ object, item }) {
   const key = keyOf(object);
   if (!kept.has(key)) {
-    const fetches = [fetchPicture(object, SIDE), object.links.photo && fetchPhoto(object)];
+    const fetches = [fetchPicture(object, SIDE, { isQuiet: true }), object.links.photo && fetchPhoto(object)];
     const [picture, photo] = await Promise.all(fetches);
     keep(key, { picture, photo });
   }

@@ -2,32 +2,35 @@
 import { fetchPicture } from "../api.js";
 import { isDark } from "../stage/colors.js";
 
-const SIDE = 512; // of a picture, pixels
+const SIDE = 512; // of a picture instead of the stage, pixels
+const BRIEF_SIDE = 320; // of a picture until the stage has drawn: the surface, which is computed meanwhile, has room beside it
 const PATIENCE_MS = 1000; // for a picture that stands in for the stage
 
 const box = document.getElementById("stills");
 
 let fetching = new AbortController();
 
-/** Show pictures of objects instead of those before. Throws AbortError if they are hidden meanwhile. */
-export async function showStills(objects) {
-  hideStills();
+/** Show pictures of objects once they are here. Throws AbortError if pictures are hidden or others wanted meanwhile. */
+export async function showStills(objects, side = SIDE) {
+  fetching.abort();
   fetching = new AbortController();
   const { signal } = fetching;
-  const addresses = await Promise.all(objects.map((object) => fetchPicture(object, SIDE, signal)));
+  const addresses = await Promise.all(objects.map((object) => fetchPicture(object, side, { signal })));
+  if (signal.aborted) addresses.forEach((address) => URL.revokeObjectURL(address));
   signal.throwIfAborted();
+  forget();
   box.replaceChildren(...addresses.map((src) => Object.assign(new Image(), { src, alt: "" })));
   box.hidden = false;
 }
 
 /**
- * Show pictures of objects until the stage has drawn them. Returns the promise of `showStills`; on dark pages nothing,
- * since pictures are white.
+ * Show pictures of objects until the stage has drawn them. Returns the promise of `showStills`, which does not have to be handled; on dark
+ * pages nothing, since pictures are white.
  */
 export function standIn(objects) {
   if (isDark()) return undefined;
-  const picture = showStills(objects);
-  picture.catch(() => {}); // whoever has no stage either tells
+  const picture = showStills(objects, BRIEF_SIDE);
+  picture.catch(() => {}); // whoever has no stage either fetches larger ones
   return picture;
 }
 
@@ -41,4 +44,11 @@ export async function briefly(picture) {
 export function hideStills() {
   fetching.abort();
   box.hidden = true;
+  forget();
+}
+
+/** Give up the pictures that were shown. */
+function forget() {
+  for (const image of box.children) URL.revokeObjectURL(image.src);
+  box.replaceChildren();
 }

@@ -86,8 +86,8 @@ export function clearView() {
   hideFunction();
   hideMorph();
   hideRobot();
-  const view = element("view");
-  if (view.getBoundingClientRect().top > innerHeight / 2) view.scrollIntoView({ block: "start" });
+  const { top, bottom } = element("stage").getBoundingClientRect();
+  if (top < 0 || bottom > innerHeight) element("view").scrollIntoView({ block: "start" });
 }
 
 /** Hide the sign that an object is being made. */
@@ -155,17 +155,17 @@ async function present(objects) {
   clouds = objects.map((object) => (stage ? new parts.Cloud(object, stage.materials) : { object, count: 0 }));
   if (clouds.length > 1) hideDownloads();
   stage?.set(clouds);
-  if (!stage) showInstead(picture ?? showStills(objects), problem);
+  if (!stage) showInstead(objects, problem);
   if (clouds.length === 1) showRobot(clouds[0]);
   else hideRobot();
   showControls();
   return true;
 }
 
-/** Leave the stage to a picture on its way; `problem`: why three.js is missing, undefined if the browser has no WebGL. */
-function showInstead(picture, problem) {
+/** Leave the stage to pictures; `problem`: why three.js is missing, undefined if the browser has no WebGL. */
+function showInstead(objects, problem) {
   empty.textContent = problem?.message ?? text("noWebgl");
-  attempt(() => picture);
+  attempt(() => showStills(objects));
   if (problem) showProblem(problem);
 }
 

@@ -1,5 +1,5 @@
 // The photo: chosen, taken, dropped, pasted or an example. It is shown at once, then encoded; the last one wins.
-import { encode, encodePath, listModels } from "../api.js";
+import { encode, encodePath, fetchPhoto, listModels } from "../api.js";
 import { showCurl } from "../object/curl.js";
 import { attempt } from "../problem.js";
 import { text } from "../text.js";
@@ -10,7 +10,8 @@ const [drop, model, background, framing] = ["drop", "model", "background", "fram
 const keep = element("keep");
 const picture = framing.querySelector("img");
 const box = framing.querySelector(".box");
-const caption = framing.querySelector("figcaption");
+const caption = framing.querySelector("figcaption span");
+const cutOut = framing.querySelector("figcaption img");
 const line = document.querySelector('.curl[data-of="encode"]');
 
 const MASKS = { alpha: "maskAlpha", border: "maskBorder", matting: "maskMatting", none: "maskNone" };
@@ -133,6 +134,7 @@ function send(photo, part, sent = photo) {
     if (current !== mine) return;
     mine.framed = true;
     showFraming(object.image);
+    if (object.links.photo) showCutOut(object, mine).catch(() => {}); // the page works without it
     await handlers.done(object);
   });
 }
@@ -148,7 +150,7 @@ function query() {
 /** Show a photo before anything is known of it. */
 function showPhoto(photo) {
   picture.src = addressOf(photo);
-  box.hidden = true;
+  box.hidden = cutOut.hidden = true;
   caption.textContent = "";
   framing.hidden = false;
   stopCropping();
@@ -165,6 +167,17 @@ function showFraming({ mask, box: [left, top, right, bottom], confidence, width,
   box.hidden = false;
   const sure = confidence === undefined ? "" : `, ${text("maskSure", { percent: Math.round(100 * confidence) })}`;
   caption.textContent = `${text(MASKS[mask])}${sure}.`;
+}
+
+/** Show what the encoder saw of the photo: the object without its background. */
+async function showCutOut(object, mine) {
+  const address = await fetchPhoto(object);
+  if (current === mine) {
+    cutOut.src = address;
+    cutOut.hidden = false;
+    await cutOut.decode().catch(() => {});
+  }
+  URL.revokeObjectURL(address);
 }
 
 /** The address of a File, for the image; the one before is given up. */

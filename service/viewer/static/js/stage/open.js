@@ -51,7 +51,7 @@ export function quiet() {
 function load() {
   parts ??= import("./parts.js").catch((error) => {
     console.warn(error);
-    throw new Problem(text("noStage"), text("noStageReload"));
+    throw Object.assign(new Problem(text("noStage"), text("noStageReload")), { isLasting: true });
   });
   return parts;
 }

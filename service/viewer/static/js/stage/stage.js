@@ -145,7 +145,8 @@ export class Stage {
   #uniforms(side, ratio) {
     const { uniforms } = this;
     const { least, most, share } = POINT_SIZE;
-    const size = MathUtils.clamp((share * side) / Math.sqrt(this.shown || 1), least, most);
+    const arrived = Math.min(this.shown, ...this.clouds.map((cloud) => cloud.count)); // few are drawn larger
+    const size = MathUtils.clamp((share * side) / Math.sqrt(arrived || 1), least, most);
     uniforms.size.value = ratio * this.dotSize * size;
     uniforms.distance.value = this.camera.position.length();
     const { near, far } = colors();
