@@ -38,7 +38,7 @@ def run(arguments: argparse.Namespace) -> None:
     are kept beside the output until it is complete.
     """
     check_bulk("hof encode-many")
-    if arguments.output.parts[:1] == ("s3:",):
+    if str(arguments.output).lower().startswith("s3:"):
         raise InvalidParameter("the output has to be a local file; copy it to S3 once it is complete", field="output")
     from service.runtime.bulk.encoding import encode_many
     from service.runtime.bulk.photos import Setup

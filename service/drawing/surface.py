@@ -24,6 +24,7 @@ from service.drawing.cloud import (
     camera_axes,
     eye_dome,
 )
+from service.mapping.color import linear
 from service.mapping.spec import Array
 from service.mapping.surface import Indices, Surface
 
@@ -247,17 +248,9 @@ def _shaded(surface: Surface, depth: Array, axes: Array) -> Array:
         plain: Array = (light[:, None] * (NEAR + (FAR - NEAR) * shade)).astype(np.float32)
         return plain
     shine = 0.07 * np.maximum(0, normals @ SHINE_LIGHT) ** 12  # shows what is black, too
-    lit: Array = (1.15 * light[:, None] * _linear(surface.colors)).astype(np.float32)
+    lit: Array = (1.15 * light[:, None] * linear(surface.colors)).astype(np.float32)
     painted: Array = (255 * np.clip(_encoded(lit) + shine[:, None], 0, 1)).astype(np.float32)
     return painted
-
-
-def _linear(colors: Bytes) -> Array:
-    """Return sRGB, 0 to 255, as linear values from 0 to 1 (IEC 61966-2-1)."""
-    level = np.arange(256, dtype=np.float32) / 255
-    table = np.where(level <= 0.04045, level / 12.92, ((level + 0.055) / 1.055) ** 2.4).astype(np.float32)
-    linear: Array = table[colors]
-    return linear
 
 
 def _encoded(linear: Array) -> Array:

@@ -12,6 +12,21 @@ from service.mapping.spec import Array, Color, Colors
 WHITE: Final = 255
 
 
+def linear(colors: Colors) -> Array:
+    """Convert sRGB levels to linear light in [0, 1], float32."""
+    return _LINEAR[colors]
+
+
+def _levels() -> Array:
+    """Return the linear light of each of the 256 sRGB levels (IEC 61966-2-1)."""
+    level = np.arange(256) / 255
+    light = np.where(level <= 0.04045, level / 12.92, ((level + 0.055) / 1.055) ** 2.4)
+    return light.astype(np.float32)
+
+
+_LINEAR: Final = _levels()
+
+
 class ColorSampler:
     """The colors of one object. Packed once; any number of threads may use it at the same time.
 

@@ -12,7 +12,8 @@ from typing import Any, Final
 import numpy as np
 
 from service.formats.glb import glb_head
-from service.formats.points.gltf import WHITE, linear
+from service.formats.points.gltf import WHITE
+from service.mapping.color import linear
 from service.mapping.spec import Array
 from service.mapping.surface import Surface
 

@@ -12,9 +12,9 @@ from typing import Final
 import numpy as np
 
 from service.formats.mesh.gltf import GRAY
-from service.formats.points.gltf import linear
 from service.formats.usd_crate import Attribute, Prim, Relationship
 from service.formats.usd_crate import dump as dump_crate
+from service.mapping.color import linear
 from service.mapping.surface import Surface
 
 ALIGNMENT: Final = 64

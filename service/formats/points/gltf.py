@@ -15,6 +15,7 @@ import numpy as np
 
 from service.formats import raw
 from service.formats.glb import OVERHEAD, glb_head
+from service.mapping.color import linear
 from service.mapping.spec import Array, Colors
 
 JSON_BYTES: Final = 1024
@@ -93,21 +94,6 @@ def json_tail(n: int) -> bytes:
 def json_length(n: int, *, stride: int = PLAIN) -> int:
     """Return the size of the whole .gltf file in bytes."""
     return JSON_BYTES + stride // 3 * 4 * n + len(_JSON_TAIL)
-
-
-def linear(colors: Colors) -> Array:
-    """Convert sRGB levels to linear light in [0, 1], float32."""
-    return _LINEAR[colors]
-
-
-def _levels() -> Array:
-    """Return the linear light of each of the 256 sRGB levels (IEC 61966-2-1)."""
-    level = np.arange(256) / 255
-    light = np.where(level <= 0.04045, level / 12.92, ((level + 0.055) / 1.055) ** 2.4)
-    return light.astype(np.float32)
-
-
-_LINEAR: Final = _levels()
 
 
 def _document(n: int, low: Array, high: Array, stride: int, mode: int) -> dict[str, Any]:

@@ -31,13 +31,13 @@ HELP: Final = (
 
 
 def is_url(source: str) -> bool:
-    """Return whether a source is in S3."""
-    return source.startswith(SCHEME)
+    """Return whether a source is in S3. Its scheme may have any case."""
+    return source[: len(SCHEME)].lower() == SCHEME
 
 
 def masked(url: str) -> str:
     """Return a URL without the keys that somebody wrote before the bucket's name: they are refused there."""
-    path = url.removeprefix(SCHEME)
+    path = url[len(SCHEME) :]
     if not re.search("[:@]", _bucket(path)):
         return url
     _, at, rest = path.rpartition("@")  # a secret key may contain slashes
@@ -188,7 +188,7 @@ def _filesystem(bucket: str) -> Any:  # noqa: ANN401 - pyarrow has no types
 
 def _path(url: str) -> str:
     """Return BUCKET/KEY of a URL. Raises InvalidParameter."""
-    path = url.removeprefix(SCHEME)
+    path = url[len(SCHEME) :]
     if not _bucket(path):
         raise InvalidParameter(f"{url} lacks the bucket's name: write {SCHEME}BUCKET/FOLDER")
     if not BUCKET_NAME.fullmatch(_bucket(path)):

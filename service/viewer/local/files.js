@@ -1,4 +1,4 @@
-// Files of an object, as the service's calls of the same names write them.
+// Files of an object, as the service's calls of the same names write them, and its surface.
 import { pointsGlb, pointsPly, sample, sampleColors, surfaceGlb, surfaceOf, writeFunctions } from "hof-client";
 
 let latest = {}; // {functions, inColor, surface}: switching between points and surface computes nothing again
@@ -7,7 +7,7 @@ let latest = {}; // {functions, inColor, surface}: switching between points and 
 export function fileOf({ object, functions, word }, of, { format, n, seed, color }) {
   if (of === "weights") return writeFunctions(functions, object.model, word);
   const shown = color === "none" ? plain(functions) : functions;
-  if (of === "mesh") return surfaceGlb(surfaceFor(functions, shown));
+  if (of === "mesh") return surfaceGlb(surfaceFor(functions, color !== "none"));
   const options = { seed: BigInt(seed) };
   const points = sample(shown, Number(n), options);
   if (format === "f32") return points;
@@ -15,10 +15,10 @@ export function fileOf({ object, functions, word }, of, { format, n, seed, color
   return format === "glb" ? pointsGlb(points, colors) : pointsPly(points, colors);
 }
 
-function surfaceFor(functions, shown) {
-  const inColor = shown === functions;
+/** Compute the surface of functions; the latest one is kept. */
+export function surfaceFor(functions, inColor = true) {
   if (latest.functions !== functions || latest.inColor !== inColor) {
-    latest = { functions, inColor, surface: surfaceOf(shown) };
+    latest = { functions, inColor, surface: surfaceOf(inColor ? functions : plain(functions)) };
   }
   return latest.surface;
 }

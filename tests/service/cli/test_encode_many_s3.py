@@ -81,6 +81,12 @@ def test_encode_many_without_keys_reads_a_public_bucket(tmp_path: Path, monkeypa
     assert list(_rows()) == ["s3://shop/photos/2024/a.png"]
 
 
+@pytest.mark.usefixtures("bucket")
+def test_encode_many_of_a_scheme_in_capitals_reads_the_bucket() -> None:
+    assert _encode("S3://shop/photos/2024") == 0
+    assert list(_rows()) == [f"s3://shop/{name}" for name in PHOTOS if name.startswith("photos/2024/")]
+
+
 def test_encode_many_of_a_list_with_urls_keeps_bad_photos_as_rows(bucket: S3) -> None:
     bucket.put("shop/photos/bad.png", b"no photo")
     names = ["s3://shop/photos/bad.png", "s3://shop/photos/d.JPG", "s3://shop/photos/gone.png"]
@@ -238,6 +244,7 @@ def test_encode_many_without_a_server_ends_with_one_error(
 
 
 @pytest.mark.usefixtures("bucket")
-def test_encode_many_to_s3_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["encode-many", "s3://shop/photos", "-o", "s3://shop/objects.parquet"]) == 2
+@pytest.mark.parametrize("scheme", ["s3", "S3"])
+def test_encode_many_to_s3_is_refused(scheme: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["encode-many", "s3://shop/photos", "-o", f"{scheme}://shop/objects.parquet"]) == 2
     assert "the output has to be a local file" in capsys.readouterr().err

@@ -2,6 +2,7 @@
 
 import functools
 import http.server
+import io
 import re
 import shutil
 import subprocess
@@ -13,6 +14,7 @@ import httpx
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 from playwright.sync_api import Browser, Page, expect
 
 from tests.support import ROOT
@@ -20,6 +22,13 @@ from tests.support.browsing import PICTURES, TIMEOUT_MS, TRIANGLES, photo
 from tests.support.gltf import check_valid
 
 LOCAL = ROOT / "service" / "viewer" / "local"
+LIKE = 12  # of 255: mean difference of two pictures' objects; their triangles differ
+PIXELS = """(image) => {
+    const { naturalWidth: width, naturalHeight: height } = image;
+    const context = Object.assign(document.createElement("canvas"), { width, height }).getContext("2d");
+    context.drawImage(image, 0, 0);
+    return [...context.getImageData(0, 0, width, height).data];
+}"""
 TOLERANCE = 1e-3  # longest sides: of points whose photo was decoded and encoded elsewhere
 
 
@@ -119,6 +128,22 @@ def test_example_photo_is_encoded_and_listed_with_a_picture(alone: Page) -> None
     card.scroll_into_view_if_needed()
     expect(card.locator("img").first).to_have_js_property("naturalWidth", 240)
     expect(alone.locator("#gallery-title")).to_have_text("Objects in this tab")
+
+
+def test_picture_of_a_card_is_that_of_the_service(alone: Page, address: str) -> None:
+    _choose(alone, photo("chair"))
+    image = alone.locator("#gallery li img").first
+    image.scroll_into_view_if_needed()
+    expect(image).to_have_js_property("naturalWidth", 240)
+    drawn = np.array(image.evaluate(PIXELS), np.int16).reshape(240, 240, 4)[..., :3]
+    encoded = httpx.post(f"{address}/encode", content=photo("chair").read_bytes(), timeout=60).json()
+    answer = httpx.get(f"{address}/objects/{encoded['id']}/picture?size=240&format=png", timeout=60).content
+    expected = np.asarray(Image.open(io.BytesIO(answer)).convert("RGB")).astype(np.int16)
+    Image.fromarray(drawn.astype(np.uint8)).save(PICTURES / "static-card.png")
+    apart = abs(drawn - expected)
+    ink = (expected < 250).any(axis=2)
+    assert apart[ink].mean() < LIKE
+    assert apart[~ink].mean() < 1
 
 
 def test_two_objects_are_mixed_without_a_service(alone: Page) -> None:
