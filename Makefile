@@ -48,7 +48,7 @@ quick: .venv/dev.stamp ## tests of the tier unit that are not slow; needs Python
 	OMP_NUM_THREADS=1 $(BIN)/pytest -n auto --dist worksteal -m 'unit and not slow'
 
 test: .venv/dev.stamp .venv/system.stamp .venv/s3/stamp $(BUNDLE) $(GLTF) $(PAGE_TOOLS) $(JS) $(MATTING) ## all tests
-	OMP_NUM_THREADS=1 $(BIN)/pytest -n 3 --dist loadfile
+	OMP_NUM_THREADS=1 $(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder
 
 lint: .venv/dev.stamp ## style, types, layers of the code, Dockerfile
 	$(BIN)/ruff check

@@ -1,5 +1,6 @@
 """A tiny model, photos, databases, and a real server on a free port."""
 
+import itertools
 import signal
 import sys
 import time
@@ -39,11 +40,31 @@ def pytest_configure() -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark each test with its tier, unless it has a mark of one."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Mark each test with its tier, unless it has a mark of one. Spread the files in the workers of `make test`."""
     for item in items:
         if isinstance(item, pytest.Function) and not any(item.get_closest_marker(tier) for tier in (*TIERS, "unit")):
             item.add_marker(_tier(item))
+    if hasattr(config, "workerinput"):
+        items[:] = _spread(items)
+
+
+def _spread(items: list[pytest.Item]) -> list[pytest.Item]:
+    """Return the tests with those files first that drive a browser or are slow, and the short ones last.
+
+    A long file at the end keeps one worker busy and the others waiting. Between two of the long files stands one of
+    those that call a server: it waits while the long ones compute.
+    """
+    long: list[list[pytest.Item]] = []
+    middle: list[list[pytest.Item]] = []
+    short: list[list[pytest.Item]] = []
+    none: list[pytest.Item] = []
+    for _, group in itertools.groupby(items, key=lambda item: item.path):
+        file = [*group]
+        marks = {mark.name for item in file for mark in item.iter_markers()}
+        (long if marks & {"browser", "slow"} else middle if marks & {"server", "system"} else short).append(file)
+    mixed = [file for pair in itertools.zip_longest(long, middle, fillvalue=none) for file in pair]
+    return [item for file in mixed + short for item in file]
 
 
 def _tier(item: pytest.Function) -> str:

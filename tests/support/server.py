@@ -1,6 +1,8 @@
 """The service in a thread of the tests, over a real socket, and the type of what opens clients of it."""
 
+import asyncio
 import contextlib
+import socket
 import threading
 import time
 from collections.abc import Iterator
@@ -16,7 +18,22 @@ from service.settings import Settings
 
 
 class Server(uvicorn.Server):
-    """A server that tells its port."""
+    """A server that tells its port, and that ends at once: uvicorn's looks every 0.1 s whether it should."""
+
+    async def main_loop(self) -> None:
+        """Serve until `should_exit`."""
+        while not await self.on_tick(0):
+            await asyncio.sleep(0.01)
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Close the connections, complete what is being answered, and close the service."""
+        for server in self.servers:
+            server.close()
+        for connection in [*self.server_state.connections]:
+            connection.shutdown()
+        await asyncio.sleep(0)
+        await self._wait_tasks_to_complete()
+        await self.lifespan.shutdown()
 
     @property
     def port(self) -> int:
