@@ -7,6 +7,7 @@ Other engines round sums differently, and the search may end at another point: b
 of the longest side. benchmarks/BOXES.md has the error against the box of many points.
 """
 
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Final
 
@@ -16,6 +17,7 @@ import numpy.typing as npt
 from service.errors import CorruptWeights
 from service.mapping.canonical import canonical_points
 from service.mapping.color import ColorSampler
+from service.mapping.folding import CoarseWord
 from service.mapping.frame import Frame
 from service.mapping.sampler import SCALES, Sampler
 from service.mapping.spec import Array, Domain, Functions, MappingSpec, word_of
@@ -27,12 +29,16 @@ TRIALS: Final = 16  # points around each candidate, in each step
 STEPS: Final = (0.1, 0.05, 0.02, 0.01)  # radius of the search around a candidate
 PROBE_POINTS: Final = BORDER + INTERIOR + 6 * CANDIDATES * TRIALS * len(STEPS)  # evaluated for one box
 
-AXES: Final = (0, 1, 2, 0, 1, 2)  # of the directions +x, +y, +z, -x, -y, -z
-SIGNS: Final = np.array([1, 1, 1, -1, -1, -1], np.float32)[:, None, None]
+# A search goes from each candidate: (6 * CANDIDATES,), for the directions +x, +y, +z, -x, -y, -z in turn.
+SEARCHES: Final = np.arange(6 * CANDIDATES)
+AXES: Final = np.array([0, 1, 2, 0, 1, 2]).repeat(CANDIDATES)
+SIGNS: Final = np.array([1, 1, 1, -1, -1, -1], np.float32).repeat(CANDIDATES)[:, None]
+BLOCK: Final = 96  # probe points of which only the largest value is compared at first
 
 Values = npt.NDArray[np.float32]
 
 
+@np.errstate(over="ignore", invalid="ignore")  # checked at the end, once
 def measure(spec: MappingSpec, theta: Array) -> Frame:
     """Measure the box of a function, or of a word, in its own numbers.
 
@@ -44,22 +50,31 @@ def measure(spec: MappingSpec, theta: Array) -> Frame:
     ------
     CorruptWeights : the function's values exceed float32.
     """
-    sampler = Sampler(spec, word_of(spec, theta))
+    values_at = _word(spec, word_of(spec, theta))
     probe, around = _probe(spec.domain)
-    points = sampler.map(probe).T
-    best, reached = _outermost(np.concatenate([points, -points]))  # (6, candidates) each
-    candidates = probe[best]  # (6, candidates, d)
+    values = values_at(probe)  # (3, n)
+    best, reached = _outermost(np.concatenate([values, -values]))  # (6, candidates) each
+    candidates, reached = probe[:, best.ravel()], reached.ravel()  # (d, searches), (searches,)
     for step in STEPS:
-        trials = _inside(spec.domain, candidates[:, :, None] + np.float32(step) * around)  # (6, candidates, trials, d)
-        values = sampler.map(trials.reshape(-1, spec.input_dim)).reshape(*trials.shape[:3], 3)
-        heights = SIGNS * values[np.arange(6), :, :, AXES]  # (6, candidates, trials)
-        top = heights.argmax(axis=2)[:, :, None]
-        higher = np.take_along_axis(heights, top, axis=2)[:, :, 0]
-        moved = np.take_along_axis(trials, top[:, :, :, None], axis=2)[:, :, 0]
-        candidates = np.where((higher > reached)[:, :, None], moved, candidates)
+        trials = _inside(spec.domain, candidates[:, :, None] + np.float32(step) * around)  # (d, searches, trials)
+        values = values_at(trials.reshape(len(trials), -1)).reshape(3, *trials.shape[1:])
+        heights = SIGNS * values[AXES, SEARCHES]  # (searches, trials)
+        top = heights.argmax(axis=1)
+        higher = heights[SEARCHES, top]
+        candidates = np.where(higher > reached, trials[:, SEARCHES, top], candidates)
         reached = np.maximum(reached, higher)
-    outermost = reached.max(axis=1)
+    outermost = reached.reshape(6, CANDIDATES).max(axis=1)
+    if not np.isfinite(outermost).all():  # the largest of values is NaN if one of them is
+        raise CorruptWeights("the mapping function's values exceed float32", field="theta")
     return Frame.of(-outermost[3:], outermost[:3])
+
+
+def _word(spec: MappingSpec, word: Sequence[Array]) -> Callable[[Array], Array]:
+    """Return the map of a word from canonical points to its values, (d, n) -> (3, n)."""
+    sampler = Sampler(spec, word)  # checks the word
+    if spec.is_one_relu_layer:
+        return CoarseWord(spec, word).map
+    return lambda x: sampler.map(x.T).T
 
 
 def examine(spec: MappingSpec, functions: Functions) -> Frame:
@@ -78,39 +93,39 @@ def examine(spec: MappingSpec, functions: Functions) -> Frame:
 
 
 def _outermost(heights: Values) -> tuple[npt.NDArray[np.intp], Values]:
-    """Return the places of the CANDIDATES largest values of each row, and the values; overwrite them with -inf."""
-    rows = np.arange(len(heights))
-    places, values = np.empty((len(heights), CANDIDATES), np.intp), np.empty((len(heights), CANDIDATES), np.float32)
-    for rank in range(CANDIDATES):  # a fifth of the time of a sort
-        places[:, rank] = heights.argmax(axis=1)
-        values[:, rank] = heights[rows, places[:, rank]]
-        heights[rows, places[:, rank]] = -np.inf
-    return places, values
+    """Return the places of the CANDIDATES largest values of each row, (6, n), and the values.
+
+    They lie in the blocks with the largest ones: few values are compared more than once.
+    """
+    rows, blocks = np.arange(6)[:, None], heights.reshape(6, -1, BLOCK)
+    kept = blocks.max(axis=2).argpartition(-CANDIDATES, axis=1)[:, -CANDIDATES:]  # NaN counts as the largest
+    within = blocks[rows, kept].reshape(6, -1)
+    order = within.argpartition(-CANDIDATES, axis=1)[:, -CANDIDATES:]
+    return kept[rows, order // BLOCK] * BLOCK + order % BLOCK, within[rows, order]
 
 
 @lru_cache(maxsize=4)
 def _probe(domain: Domain) -> tuple[Array, Array]:
-    """Return the probe's canonical points, (m, d), and `TRIALS` offsets for a search of radius 1, (TRIALS, d)."""
-    points = canonical_points(domain, BORDER + INTERIOR)
-    border = points[:BORDER]
+    """Return the probe's canonical points, (d, m), and offsets for searches of radius 1, (d, 1, TRIALS)."""
+    points = canonical_points(domain, BORDER + INTERIOR).T
+    border = points[:, :BORDER]
     lengths = _lengths(domain, border)
     on_border = border / np.where(lengths > 0, lengths, 1)
-    ball: Domain = "ball4" if points.shape[1] == 4 else "ball"
-    return np.concatenate([on_border, points[BORDER:]]).astype(np.float32), canonical_points(ball, TRIALS, seed=1)
+    ball: Domain = "ball4" if len(points) == 4 else "ball"
+    probe = np.concatenate([on_border, points[:, BORDER:]], axis=1).astype(np.float32)
+    return probe, np.ascontiguousarray(canonical_points(ball, TRIALS, seed=1).T)[:, None]
 
 
 def _inside(domain: Domain, x: Array) -> Array:
-    """Move points that lie outside the domain to its border, and all points onto a sphere: (..., d) float32."""
+    """Move points that lie outside the domain to its border, and all points onto a sphere: (d, ...) float32."""
     if domain == "cube":
         return np.clip(x, -1, 1)
     lengths = _lengths(domain, x)
     limit = np.where(lengths > 0, lengths, 1) if domain == "sphere" else np.maximum(lengths, 1)
-    return (x / limit).astype(np.float32)
+    return (x / limit).astype(np.float32, copy=False)
 
 
 def _lengths(domain: Domain, x: Array) -> Array:
-    """Return the length of each point in the norm whose unit ball is the domain: (..., d) -> (..., 1)."""
-    lengths: Array = (
-        np.abs(x).max(axis=-1, keepdims=True) if domain == "cube" else np.linalg.norm(x, axis=-1)[..., None]
-    )
+    """Return the length of each point in the norm whose unit ball is the domain: (d, ...) -> (...)."""
+    lengths: Array = np.abs(x).max(axis=0) if domain == "cube" else np.sqrt((x * x).sum(axis=0))
     return lengths

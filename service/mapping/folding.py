@@ -24,6 +24,7 @@ WIDE: Final = 512  # units
 FROM: Final = 16_384  # index of the first point that is folded: folding pays off for many points only
 SHARED: Final = TILES[1] * 1_024  # zeros: those of a tile of HOF-1
 PROBE: Final = 1_024  # points that are sampled to bound a function's values
+COARSE: Final = 3  # cells per side for some thousand points: more take longer to cut than they save
 MARGIN: Final = 1e-4  # of a cell: rounding may put a point near a border on either side
 
 Cells = npt.NDArray[np.int32]
@@ -236,6 +237,27 @@ class FoldedWord:
             low, high = points.min(axis=1).astype(np.float64), points.max(axis=1).astype(np.float64)
             low, high = low - MARGIN - 0.02 * (high - low), high + MARGIN + 0.02 * (high - low)
         return folded
+
+
+class CoarseWord:
+    """A word of functions with one hidden layer of ReLUs, cut coarsely, for some thousand points at any places.
+
+    All functions are cut over the canonical domain's box, so a function that the word repeats is cut once. Outside of
+    the box the networks are whole.
+    """
+
+    def __init__(self, spec: MappingSpec, word: Sequence[Array]) -> None:
+        high, kernel = np.full(3, 1 + MARGIN), compiled.load()
+
+        def cut(theta: Array) -> Engine:
+            fold = Fold(spec, theta, -high, high, COARSE)
+            return CompiledFold(fold, kernel) if kernel else NumpyFold(fold)
+
+        self._functions = pack_distinct(cut, word[::-1])
+
+    def map(self, x: Array) -> Array:
+        """Compute the word's values at points: (3, n) float32 -> (3, n)."""
+        return _through(self._functions, x)
 
 
 def _through(functions: Sequence[Engine], x: Array) -> Array:
