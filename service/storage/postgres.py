@@ -65,6 +65,10 @@ class PostgresDatabase:
             pass
         raise too_busy() if self._answered_at > began else no_answer(limit)
 
+    async def look_up(self, work: Work[R]) -> R:
+        """Run a transaction (`Database.look_up`)."""
+        return await self.run(work)
+
     def _end(self, transaction: asyncio.Task[Any]) -> None:
         self._running.discard(transaction)
         if not transaction.cancelled():

@@ -7,12 +7,12 @@ from functools import lru_cache
 from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
-from sqlalchemy import Connection, Row, func, select
+from sqlalchemy import Connection, Row, bindparam, func, select
 
 from service.encoding.estimates import Estimates
 from service.encoding.report import ImageReport
 from service.mapping.frame import Frame
-from service.mapping.spec import CACHED_SPECS, Array, Color, Functions, MappingSpec
+from service.mapping.spec import CACHED_SPECS, Array, Color, Functions, MappingSpec, join_functions
 from service.storage.database import objects, uses
 
 Kind = Literal["encoded", "imported", "composed", "interpolated"]
@@ -23,6 +23,7 @@ HEADER: Final = [
 ]
 WHOLE: Final = [*HEADER, objects.c.theta, objects.c.color]
 ALL: Final = [*WHOLE, objects.c.photo]
+ONE: Final = select(*WHOLE).where(objects.c.id == bindparam("of"))  # built once: every photo runs it
 INSERT: Final = objects.insert()  # built once: every photo runs it
 BATCH_ROWS: Final = 512
 BATCH_BYTES: Final = 16 * 2**20  # of functions and photos; one object may have more
@@ -142,6 +143,21 @@ def next_entries(connection: Connection, after: int, last: int) -> list[Entry]:
         end = row.seq
     whole = select(*ALL).where(objects.c.seq > after, objects.c.seq <= end).order_by(objects.c.seq)
     return [entry_of(row) for row in connection.execute(whole)]
+
+
+def find_whole(connection: Connection, object_id: str) -> tuple[Record, Functions] | None:
+    """Return an object and its functions, or None (`Store.find`)."""
+    row = connection.execute(ONE, {"of": object_id}).first()
+    if row is None:
+        return None
+    record = record_of(row)
+    if record.kind != "composed":
+        return record, functions_of(row)
+    query = select(*WHOLE).where(objects.c.id.in_(record.members))
+    members = {each.id: functions_of(each) for each in connection.execute(query)}
+    if members.keys() != set(record.members):
+        return None  # the object and a member were deleted between the two queries
+    return record, join_functions([members[member] for member in record.members])
 
 
 _spec = lru_cache(CACHED_SPECS)(MappingSpec.from_json)

@@ -4,14 +4,17 @@ import asyncio
 import contextlib
 import os
 import sqlite3
+import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Final
 
 from sqlalchemy import Connection, Engine, create_engine, event, select
 from sqlalchemy.engine import URL
 from sqlalchemy.engine.interfaces import DBAPIConnection, DBAPICursor
+from sqlalchemy.exc import OperationalError
 
 from service.errors import StoreUnavailable, UnusableStore
 from service.storage.faults import REMEDIES, RETRY_AFTER_S, is_locked, too_busy
@@ -37,6 +40,8 @@ class SqliteDatabase:
         self._engine = engine
         self._threads = ThreadPoolExecutor(SQLITE_CONNECTIONS, thread_name_prefix="sqlite")
         self._free = asyncio.Semaphore(SQLITE_CONNECTIONS)
+        self._connections: dict[int, Connection] = {}  # by thread: a pool would cost as much as reading a row
+        self._reader: Connection | None = None  # of the event loop; None for a database in memory
         self._files: dict[Path, Identity | None] = {}
 
     async def run(self, work: Work[R], *, timeout_s: float | None = None) -> R:
@@ -47,9 +52,34 @@ class SqliteDatabase:
         StoreUnavailable : the file, or its write-ahead log, was deleted or replaced while it was open.
         """
         await self._acquire()
-        job = asyncio.get_running_loop().run_in_executor(self._threads, self._transaction, work)
-        job.add_done_callback(lambda _: self._free.release())
-        return await asyncio.shield(job)
+        loop = asyncio.get_running_loop()
+        outcome: asyncio.Future[R] = loop.create_future()
+        self._threads.submit(self._run_on_thread, work, loop, outcome)
+        return await outcome
+
+    def _run_on_thread(self, work: Work[R], loop: asyncio.AbstractEventLoop, outcome: asyncio.Future[R]) -> None:
+        """Run a transaction, and settle the outcome on the event loop. `run_in_executor` takes three times as long."""
+        try:
+            settle = partial(outcome.set_result, self._transaction(work))
+        except Exception as error:
+            settle = partial(outcome.set_exception, error)
+
+        def end() -> None:
+            self._free.release()
+            if not outcome.done():  # the caller was canceled
+                settle()
+
+        loop.call_soon_threadsafe(end)
+
+    async def look_up(self, work: Work[R]) -> R:
+        """Read a few rows (`Database.look_up`) on the event loop, in a third of the time that a thread and back takes.
+
+        A reader waits for no writer (WAL). If the file is locked all the same, a thread waits in its place.
+        """
+        if self._reader is not None:
+            with contextlib.suppress(OperationalError):
+                return self._transact(self._reader, work)
+        return await self.run(work)
 
     async def _acquire(self) -> None:
         if not self._free.locked():  # saves the timer, which costs more than the acquisition
@@ -62,7 +92,17 @@ class SqliteDatabase:
             raise too_busy() from None
 
     def _transaction(self, work: Work[R]) -> R:
-        with self._engine.begin() as connection:
+        thread = threading.get_ident()
+        connection = self._connections.get(thread) or self._engine.connect()
+        self._connections[thread] = connection
+        try:
+            return self._transact(connection, work)
+        except BaseException:
+            self._connections.pop(thread).close()  # the next transaction begins with a clean one
+            raise
+
+    def _transact(self, connection: Connection, work: Work[R]) -> R:
+        with connection.begin():
             result = work(connection)
         # After the commit: a file that vanished before it took the transaction along.
         for path, identity in self._files.items():
@@ -78,8 +118,16 @@ class SqliteDatabase:
         """Remember the open file and its write-ahead log; from now on, transactions on other files fail."""
         path = await self.run(_path)
         if path:  # none for a database in memory
+            self._reader = await asyncio.to_thread(self._open_reader)
             files = {Path(f"{path}{suffix}"): _identity(Path(f"{path}{suffix}")) for suffix in ("", "-wal")}
             self._files = {file: identity for file, identity in files.items() if identity}
+
+    def _open_reader(self) -> Connection:
+        """Return a connection that waits for no lock."""
+        reader = self._engine.connect()
+        with reader.begin():
+            reader.exec_driver_sql("PRAGMA busy_timeout = 0")
+        return reader
 
     def ping(self, connection: Connection) -> None:
         """Run SELECT 1."""
@@ -88,6 +136,8 @@ class SqliteDatabase:
     async def close(self) -> None:
         """Close all connections once the running transactions have ended."""
         await asyncio.to_thread(self._threads.shutdown)
+        for connection in (*self._connections.values(), *([self._reader] if self._reader else [])):
+            connection.close()
         self._engine.dispose()
 
 
@@ -121,7 +171,7 @@ def open_sqlite(url: URL, *, unchanged: bool = False) -> SqliteDatabase:
             with contextlib.suppress(OSError):  # SQLite says it with a remedy
                 os.close(os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, OWNER_ONLY))
             url = url.set(database=str(path))
-    engine = create_engine(url, pool_size=SQLITE_CONNECTIONS, max_overflow=0)
+    engine = create_engine(url, pool_size=SQLITE_CONNECTIONS + 1, max_overflow=0)  # one more: the event loop's
     event.listen(engine, "connect", _configure_unchanged if unchanged else _configure)
     return SqliteDatabase(engine)
 

@@ -6,7 +6,7 @@ The function of an object never changes once written; its label may.
 import asyncio
 import logging
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Awaitable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any, Final
 
@@ -15,7 +15,7 @@ from sqlalchemy.exc import IntegrityError
 
 from service.errors import InUse, NotFound, StoreUnavailable, UnreachableStore
 from service.mapping.frame import Frame
-from service.mapping.spec import Functions, MappingSpec, join_functions
+from service.mapping.spec import Functions, MappingSpec
 from service.settings import DATABASE_CONNECTIONS, DATABASE_TIMEOUT_S
 from service.storage.cursors import decode_cursor, encode_cursor
 from service.storage.database import connect, objects, uses
@@ -23,11 +23,10 @@ from service.storage.faults import domain_error, reason_of, too_busy
 from service.storage.rows import (
     ALL,
     HEADER,
-    WHOLE,
     Entry,
     Record,
     entry_of,
-    functions_of,
+    find_whole,
     insert_all,
     next_entries,
     record_of,
@@ -39,7 +38,6 @@ logger: Final = logging.getLogger("hof")
 ATTEMPTS: Final = 10  # of a write that other writes thwart
 REOPEN_S: Final = 1.0
 MAX_NAMED: Final = 10  # composed objects that a refused deletion lists
-ONE: Final = select(*WHOLE).where(objects.c.id == bindparam("of"))  # built once: every photo runs it
 HEAD: Final = select(*HEADER).where(objects.c.id == bindparam("of"))  # every call of an object's file
 
 
@@ -129,7 +127,7 @@ class Store:
 
     async def find(self, object_id: str) -> tuple[Record, Functions] | None:
         """Return an object and its functions (for a composed object, those of its word, in order), or None."""
-        return await self._run(partial(_find, object_id=object_id))
+        return await self._run(partial(find_whole, object_id=object_id))
 
     async def get(self, object_id: str) -> tuple[Record, Functions]:
         """Return an object and its functions (`find`). Raises NotFound."""
@@ -145,7 +143,8 @@ class Store:
 
     async def find_record(self, object_id: str) -> Record | None:
         """Return an object without its functions, or None."""
-        row = await self._run(lambda connection: connection.execute(HEAD, {"of": object_id}).first())
+        query = self._database.look_up(lambda connection: connection.execute(HEAD, {"of": object_id}).first())
+        row = await self._answer_of(query)
         return None if row is None else record_of(row)
 
     async def complete(self, object_id: str, frame: Frame, missing: Mapping[str, Any]) -> Record:
@@ -248,9 +247,13 @@ class Store:
         raise too_busy()
 
     async def _run(self, work: Work[R]) -> R:
-        """Run a transaction. Raises Overloaded, StoreFull, StoreUnavailable, and IntegrityError as it is."""
+        """Run a transaction. Raises as `_answer_of` does."""
+        return await self._answer_of(self._database.run(work))
+
+    async def _answer_of(self, transaction: Awaitable[R]) -> R:
+        """Await a transaction. Raises Overloaded, StoreFull, StoreUnavailable, and IntegrityError as it is."""
         try:
-            result = await self._database.run(work)
+            result = await transaction
         except Exception as error:  # each driver has its own classes
             fault = domain_error(error)
             if isinstance(fault, StoreUnavailable) and self._is_available:  # once, not for each call
@@ -278,21 +281,6 @@ class Store:
         if users:
             more = f" and {len(users) - MAX_NAMED} more" if len(users) > MAX_NAMED else ""
             raise InUse(f"composed objects use it: {', '.join(users[:MAX_NAMED])}{more}; delete them first")
-
-
-def _find(connection: Connection, object_id: str) -> tuple[Record, Functions] | None:
-    """Return an object and its functions, or None (`Store.find`)."""
-    row = connection.execute(ONE, {"of": object_id}).first()
-    if row is None:
-        return None
-    record = record_of(row)
-    if record.kind != "composed":
-        return record, functions_of(row)
-    query = select(*WHOLE).where(objects.c.id.in_(record.members))
-    members = {each.id: functions_of(each) for each in connection.execute(query)}
-    if members.keys() != set(record.members):
-        return None  # the object and a member were deleted between the two queries
-    return record, join_functions([members[member] for member in record.members])
 
 
 def _remove_orphans(connection: Connection) -> None:

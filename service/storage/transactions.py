@@ -32,6 +32,9 @@ class Database(Protocol):
         Overloaded, StoreUnavailable : no connection was free in time, or no answer came.
         """
 
+    async def look_up(self, work: Work[R]) -> R:
+        """Call a function that reads a few rows by their keys, and nothing else. Raises as `run` does."""
+
     def ping(self, connection: Connection) -> None:
         """Do the least work that shows that the database can be used. Raises StoreUnavailable or a driver's error."""
 
