@@ -8,16 +8,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from service.mapping.spec import Array, MappingSpec, layers
+from service.mapping.spec import Activation, Array, MappingSpec, layers
 
 
 @dataclass(frozen=True)
 class Layer:
-    """y = W [x, skip] + b, then ReLU where `relu`; `skip`: the network's input is appended to x."""
+    """y = W [x, skip] + b, then the activation; `skip`: the network's input is appended to x."""
 
     w: Array
     b: Array
-    relu: bool
+    activation: Activation | None
     skip: bool = False
 
 
@@ -31,22 +31,23 @@ class Network:
 
     @property
     def flops(self) -> int:
-        """Floating point operations per point: two per weight, one per bias and per ReLU."""
-        return sum(2 * layer.w.size + layer.b.size * (1 + layer.relu) for layer in self.layers)
+        """Floating point operations per point: two per weight, one per bias and per ReLU or tanh."""
+        return sum(2 * layer.w.size + layer.b.size * (1 + bool(layer.activation)) for layer in self.layers)
 
     def reference(self, x: Array) -> Array:
         """Compute the plain forward pass, (n, input) -> (n, output)."""
         y = x
         for layer in self.layers:
             y = (np.concatenate([y, x], axis=1) if layer.skip else y) @ layer.w.T + layer.b
-            y = np.maximum(y, 0) if layer.relu else y
+            if layer.activation:
+                y = np.maximum(y, 0) if layer.activation == "relu" else np.tanh(y)
         return y
 
 
 def mapping_network(spec: MappingSpec, theta: Array) -> Network:
     """Return f_theta^k as one network (paper, eq. 4)."""
     once = layers(spec, theta)
-    steps = [Layer(w, b, relu=index < len(once) - 1) for index, (w, b) in enumerate(once)]
+    steps = [Layer(w, b, spec.activation if index < len(once) - 1 else None) for index, (w, b) in enumerate(once)]
     return Network(f"{spec.name}, k = {spec.k}", tuple(steps) * spec.k, spec.size)
 
 
@@ -82,5 +83,5 @@ def _folded(
         if index in entries:
             b = b + w[:, entries[index] :] @ code
             w = np.ascontiguousarray(w[:, : entries[index]])
-        steps.append(Layer(w, b, relu=index not in linear, skip=index in skip))
+        steps.append(Layer(w, b, None if index in linear else "relu", skip=index in skip))
     return Network(name, tuple(steps), parameters)

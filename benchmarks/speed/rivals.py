@@ -13,7 +13,7 @@ import torch
 from onnx import TensorProto, helper, numpy_helper
 
 from benchmarks.speed.networks import Network
-from service.mapping.spec import Array
+from service.mapping.spec import Activation, Array
 
 Evaluate = Callable[[Array], Array]
 Make = Callable[[Network, int], Evaluate]
@@ -28,14 +28,14 @@ def numpy_tiles(network: Network, tile: int) -> Evaluate:
     """NumPy as in the service's sampler: tiles, reused buffers, biases folded in by a row of ones."""
     width = network.layers[0].w.shape[1]
     x = np.ones((width + 1, tile), np.float32)
-    steps: list[tuple[Array, Array, Array, bool, Array | None]] = []
+    steps: list[tuple[Array, Array, Array, Activation | None, Array | None]] = []
     before = x
     for layer in network.layers:
         rows = len(layer.w)
         after = np.ones((rows + 1, tile), np.float32)
         matrix = np.concatenate([layer.w, layer.b[:, None]], axis=1)
         joined = np.ones((matrix.shape[1], tile), np.float32) if layer.skip else None
-        steps.append((matrix, before, after, layer.relu, joined))
+        steps.append((matrix, before, after, layer.activation, joined))
         before = after
     zeros = np.zeros((max(len(layer.w) for layer in network.layers), tile), np.float32)
     out_rows = len(network.layers[-1].w)
@@ -45,14 +45,16 @@ def numpy_tiles(network: Network, tile: int) -> Evaluate:
         for start in range(0, len(points), tile):
             part = points[start : start + tile]
             x[:-1, : len(part)] = part.T
-            for matrix, source, target, relu, joined in steps:
+            for matrix, source, target, activation, joined in steps:
                 if joined is not None:
                     joined[: len(source) - 1], joined[len(source) - 1 : -1] = source[:-1], x[:-1]
                     source = joined
                 result = target[:-1]
                 np.matmul(matrix, source, out=result)
-                if relu:
+                if activation == "relu":
                     np.maximum(result, zeros[: len(result)], out=result)
+                elif activation:
+                    np.tanh(result, out=result)
             out[start : start + tile] = steps[-1][2][:-1, : len(part)].T
         return out
 
@@ -73,7 +75,7 @@ def onnxruntime(network: Network, tile: int) -> Evaluate:
 
 
 def torch_eager(network: Network, tile: int) -> Evaluate:
-    """PyTorch without a compiler: addmm and ReLU in place."""
+    """PyTorch without a compiler: addmm, and ReLU or tanh in place."""
     forward = _torch_forward(network)
 
     @torch.inference_mode()
@@ -109,7 +111,8 @@ def jax_jit(network: Network, tile: int) -> Evaluate:
         y = x
         for (w, b), layer in zip(weights, network.layers, strict=True):
             y = (jnp.concatenate([y, x], axis=1) if layer.skip else y) @ w + b
-            y = jnp.maximum(y, 0) if layer.relu else y
+            if layer.activation:
+                y = jnp.maximum(y, 0) if layer.activation == "relu" else jnp.tanh(y)
         return y
 
     compiled = jax.jit(forward)
@@ -155,7 +158,8 @@ def _torch_forward(network: Network) -> Callable[[torch.Tensor], torch.Tensor]:
         y = x
         for (w, b), layer in zip(weights, network.layers, strict=True):
             y = torch.addmm(b, torch.cat([y, x], dim=1) if layer.skip else y, w)
-            y = y.relu_() if layer.relu else y
+            if layer.activation:
+                y = y.relu_() if layer.activation == "relu" else y.tanh_()
         return y
 
     return forward
@@ -170,9 +174,10 @@ def _onnx(network: Network) -> bytes:
         initializers += [numpy_helper.from_array(layer.w, f"w{index}"), numpy_helper.from_array(layer.b, f"b{index}")]
         nodes.append(helper.make_node("Gemm", [y, f"w{index}", f"b{index}"], [f"y{index}"], transB=1))
         y = f"y{index}"
-        if layer.relu:
-            nodes.append(helper.make_node("Relu", [y], [f"relu{index}"]))
-            y = f"relu{index}"
+        if layer.activation:
+            kind = {"relu": "Relu", "tanh": "Tanh"}[layer.activation]
+            nodes.append(helper.make_node(kind, [y], [f"hidden{index}"]))
+            y = f"hidden{index}"
     inputs = helper.make_tensor_value_info("x", TensorProto.FLOAT, ["n", network.layers[0].w.shape[1]])
     outputs = helper.make_tensor_value_info(y, TensorProto.FLOAT, ["n", len(network.layers[-1].w)])
     graph = helper.make_graph(nodes, "network", [inputs], [outputs], initializers)

@@ -1,7 +1,8 @@
-"""The compiled kernel: Philox's random numbers, and folded networks, in C (service/mapping/kernel).
+"""The compiled kernel: Philox's random numbers and the values of networks, in C (service/mapping/kernel).
 
-The points of a cell are the lanes of vectors, and the cell's hidden units follow one another, so the hidden layer is
-never stored. setup.py builds the kernel where it finds a C compiler. Elsewhere NumPy computes the points.
+Points are the lanes of vectors. Where a network has one hidden layer, its units follow one another, so the layer is
+never stored. Those of deeper networks stay in the cache, for a tile of points. setup.py builds the kernel where it
+finds a C compiler. Elsewhere NumPy computes the points.
 """
 
 import functools
@@ -14,13 +15,14 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 Starts = npt.NDArray[np.int64]
+Widths = npt.NDArray[np.int64]
 
 NAME: Final = "service.mapping._kernel"
 NOT_BUILT: Final = (
     "no compiled kernel of this version, so NumPy computes points, more slowly: "
     "install a C compiler with Python's headers, then this package anew"
 )
-VERSION: Final = 1  # of the kernel's source, as in kernel.c: raise both with each change of what it computes
+VERSION: Final = 2  # of the kernel's source, as in kernel.c: raise both with each change of what it computes
 ROW: Final = 7  # floats of a packed unit: its row of [W b], its column of V
 
 
@@ -51,10 +53,17 @@ class Kernel(Protocol):
         packed : (crossing.sum(), 7).
         """
 
-    def network(self, x: Array, theta: Array, y: Array, instructions: int = ..., /) -> None:
-        """Compute the values of a network with one hidden layer, theta as in `service.mapping.spec`, at points.
+    def network(
+        self, x: Array, theta: Array, widths: Widths, is_tanh: bool, y: Array, instructions: int = ..., /
+    ) -> None:
+        """Compute the values of a network, theta as in `service.mapping.spec`, at points.
 
-        x, y : (3, n); theta : (7 h + 3,); instructions : as for `map`.
+        Parameters
+        ----------
+        x, y : (inputs, n), (outputs, n).
+        widths : (layers + 1,), the network's inputs, hidden layers and outputs.
+        is_tanh : tanh follows each hidden layer; ReLU otherwise.
+        instructions : as for `map`.
         """
 
     def map(

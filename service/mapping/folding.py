@@ -166,11 +166,13 @@ class CompiledNetwork:
     def __init__(self, spec: MappingSpec, theta: Array, kernel: Kernel) -> None:
         layers(spec, theta)  # checks theta
         self._theta, self._kernel = np.ascontiguousarray(theta, np.float32), kernel
+        self._widths = np.array([spec.input_dim, *spec.hidden, spec.output_dim])
+        self._is_tanh = spec.activation == "tanh"
 
     def map(self, x: Array) -> Array:
-        """Compute the network's values at points: (3, n) float32 -> (3, n)."""
-        y = np.empty(x.shape, np.float32)
-        self._kernel.network(np.ascontiguousarray(x), self._theta, y)
+        """Compute the network's values at points: (input_dim, n) float32 -> (3, n)."""
+        y = np.empty((3, x.shape[1]), np.float32)
+        self._kernel.network(np.ascontiguousarray(x), self._theta, self._widths, self._is_tanh, y)
         return y
 
 

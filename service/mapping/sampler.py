@@ -1,9 +1,10 @@
 """Points of an object: canonical points, tile by tile, through the mapping function.
 
-Networks with one hidden layer of ReLUs are folded (`service.mapping.folding`). The others run in tiles whose
-activations fit the L2 cache, which is several times faster than `mapping.apply` on whole arrays. Every matrix
-product has the same shape in every call, and tiles start at multiples of their size. So outputs are bitwise
-equal in any chunking, on one machine and build of NumPy.
+Networks with one hidden layer of ReLUs are folded (`service.mapping.folding`). The others run in the compiled kernel,
+where a point's value depends on nothing but the point. Without the kernel they run in tiles whose activations fit the
+L2 cache, which is several times faster than `mapping.apply` on whole arrays. There, every matrix product has the same
+shape in every call, and tiles start at multiples of their size. So outputs are bitwise equal in any chunking, on one
+machine and build of NumPy.
 """
 
 from collections.abc import Iterator, Sequence
@@ -13,8 +14,10 @@ from typing import Final
 import numpy as np
 
 from service.errors import CorruptWeights, InvalidParameter
+from service.mapping import compiled
 from service.mapping.canonical import Sampling, check_range, span
-from service.mapping.folding import FoldedWord, aligned, pack_distinct, zeros
+from service.mapping.compiled import Kernel
+from service.mapping.folding import CompiledNetwork, FoldedWord, aligned, pack_distinct, zeros
 from service.mapping.frame import Frame
 from service.mapping.spec import Array, MappingSpec, layers
 
@@ -51,7 +54,7 @@ class Sampler:
             raise InvalidParameter(f"the word has {len(word)} functions, {spec.name} needs k = {spec.k}", field="word")
         self.domain: Final = spec.domain
         self._frame = frame
-        self._function = FoldedWord(spec, word) if spec.is_one_relu_layer else _Tiles(spec, word)
+        self._function = _function(spec, word)
 
     def points(
         self, n: int, *, seed: int = 0, offset: int = 0, scale: float = 1.0, sampling: Sampling = "uniform"
@@ -156,8 +159,31 @@ def _check_arguments(n: int, seed: int, offset: int, scale: float, sampling: Sam
         raise InvalidParameter(f"scale is {scale:g}, it must lie in {SCALES[0]:g} to {SCALES[1]:g}", field="scale")
 
 
+def _function(spec: MappingSpec, word: Sequence[Array]) -> "FoldedWord | _Compiled | _Tiles":
+    """Return the fastest way to compute a word's values on this machine."""
+    if spec.is_one_relu_layer:
+        return FoldedWord(spec, word)
+    kernel = compiled.load()
+    return _Compiled(spec, word, kernel) if kernel else _Tiles(spec, word)
+
+
+class _Compiled:
+    """Word of any networks, evaluated by the compiled kernel."""
+
+    align: Final = 1
+
+    def __init__(self, spec: MappingSpec, word: Sequence[Array], kernel: Kernel) -> None:
+        self._functions = pack_distinct(partial(CompiledNetwork, spec, kernel=kernel), word[::-1])
+
+    def map(self, x: Array, _: int) -> Array:
+        """Map canonical points, (input_dim, n), to the object's points, (3, n)."""
+        for function in self._functions:
+            x = function.map(x)
+        return x
+
+
 class _Tiles:
-    """Word of any networks, packed once.
+    """Word of any networks, packed once, evaluated by NumPy.
 
     [W b] is one matrix, and every array it multiplies ends in a row of ones, so that a layer is one product.
     """

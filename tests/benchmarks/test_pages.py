@@ -10,6 +10,7 @@ import pytest
 
 from benchmarks.speed.networks import Network, deepsdf, foldingnet, mapping_network
 from benchmarks.speed.rivals import RIVALS, Make, numpy_tiles
+from benchmarks.speed.run import TANH
 from service.mapping.spec import HOF_1, HOF_3, initial_theta, power
 from tests.support import ROOT
 
@@ -24,7 +25,16 @@ def test_decoders_count_the_papers_parameters() -> None:
 
 
 @pytest.mark.parametrize("make", WAYS.values(), ids=WAYS)
-@pytest.mark.parametrize("network", [deepsdf(), foldingnet(), mapping_network(HOF_3.with_k(2), initial_theta(HOF_3))])
+@pytest.mark.parametrize(
+    "network",
+    [
+        deepsdf(),
+        foldingnet(),
+        mapping_network(HOF_3.with_k(2), initial_theta(HOF_3)),
+        mapping_network(TANH, initial_theta(TANH)),
+    ],
+    ids=lambda network: network.name,
+)
 def test_way_of_computing_equals_the_reference(make: Make, network: Network) -> None:
     x = np.random.default_rng(0).random((300, network.layers[0].w.shape[1]), np.float32)
     expected = network.reference(x)

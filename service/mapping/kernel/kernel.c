@@ -14,30 +14,40 @@
 
 #define INLINE static inline __attribute__((always_inline))
 #define MOST_CELLS_A_SIDE 256
-#define VERSION 1 /* of this source, as in compiled.py: raise both with each change of what it computes */
+#define WIDEST 65536
+#define VERSION 2 /* of this source, as in compiled.py: raise both with each change of what it computes */
 
 #if defined(__x86_64__)
 #include <immintrin.h>
 
-/* maxps returns its second operand if one of the two is NaN. */
+/* maxps and minps return their second operand if one of the two is NaN. */
 #define NAME(f) f##_avx512
 #define TARGET __attribute__((target("avx512f,avx512vl,avx512dq,avx512bw,fma")))
 #define LANES 16
 #define VECTORS 2
-#define RELU(u) _mm512_max_ps(_mm512_setzero_ps(), u)
+#define ROWS 8
+#define MAX(a, b) _mm512_max_ps(a, b)
+#define MIN(a, b) _mm512_min_ps(a, b)
 #include "points.h"
+#include "layers.h"
 
 #define NAME(f) f##_avx2
 #define TARGET __attribute__((target("avx2,fma")))
 #define LANES 8
-#define RELU(u) _mm256_max_ps(_mm256_setzero_ps(), u)
+#define ROWS 4
+#define MAX(a, b) _mm256_max_ps(a, b)
+#define MIN(a, b) _mm256_min_ps(a, b)
 #include "points.h"
+#include "layers.h"
 
 #define NAME(f) f##_sse2
 #define TARGET
 #define LANES 4
-#define RELU(u) _mm_max_ps(_mm_setzero_ps(), u)
+#define ROWS 4
+#define MAX(a, b) _mm_max_ps(a, b)
+#define MIN(a, b) _mm_min_ps(a, b)
 #include "points.h"
+#include "layers.h"
 
 #define SETS 3
 #else
@@ -48,8 +58,12 @@ typedef int32_t Bits __attribute__((vector_size(16)));
 #define TARGET
 #define LANES 4
 #define VECTORS 4
-#define RELU(u) (vector_plain)((Bits)(u) & ~(Bits)((u) < 0))
+#define ROWS 4
+#define CHOOSE(if_true, a, b) (vector_plain)(((Bits)(a) & (if_true)) | ((Bits)(b) & ~(if_true)))
+#define MAX(a, b) CHOOSE((a) > (b), a, b)
+#define MIN(a, b) CHOOSE((a) < (b), a, b)
 #include "points.h"
+#include "layers.h"
 
 #define SETS 1
 #endif
@@ -59,9 +73,11 @@ typedef struct {
     void (*fold_cell)(const Cell *, const float *const[3], float *const[3], int64_t);
     void (*find_cells)(const Fold *, const float *, int64_t, int32_t *);
     void (*restore)(const int32_t *, const float *, int64_t, float *);
+    void (*map_layers)(const Network *, const float *, int64_t, float *, float *, float *);
 } Set;
 
-#define SET(text, suffix) {text, fold_cell_##suffix, find_cells_##suffix, restore_##suffix}
+#define SET(text, suffix) \
+    {text, fold_cell_##suffix, find_cells_##suffix, restore_##suffix, map_layers_##suffix}
 
 /* Best first. */
 static const Set sets[SETS] = {
@@ -187,7 +203,8 @@ static PyObject *pack(PyObject *module, PyObject *arguments)
 static Cell cell_of(const Fold *fold, int64_t index)
 {
     const int64_t start = fold->starts[index];
-    return (Cell){fold->packed + ROW * start, fold->starts[index + 1] - start, fold->affine + 12 * index};
+    return (Cell){fold->activation, fold->packed + ROW * start, fold->starts[index + 1] - start,
+                  fold->affine + 12 * index};
 }
 
 /* Sort the points by their cells, compute cell by cell, and bring the values back; false without memory. */
@@ -258,7 +275,7 @@ static PyObject *map(PyObject *module, PyObject *arguments)
     Buffers buffers = {.count = 0};
     Py_ssize_t three = 3, four = 4, n = -1, row = ROW, units = -1, cells, ends;
     int index = best_set(), enough = 1;
-    Fold fold = {.grid = 0};
+    Fold fold = {.grid = 0, .activation = RELU};
     const float *x;
     float *y;
 
@@ -293,47 +310,91 @@ static PyObject *map(PyObject *module, PyObject *arguments)
     return PyErr_Occurred() ? NULL : Py_NewRef(Py_None);
 }
 
-/* Compute a whole network from theta, which is W (h, 3), b (h), V (3, h) and c (3); false without memory. */
-static int map_network(const Set *set, const float *theta, int64_t h, const float *x, int64_t n, float *y)
+/* Compute a network of three inputs, one hidden layer and three outputs, whose values are never stored; false without
+ * memory. */
+static int map_one_layer(const Set *set, const Network *network, const float *x, int64_t n, float *y)
 {
-    const float *b = theta + 3 * h, *v = b + h, *c = v + 3 * h;
+    const int64_t h = network->widths[1];
+    const float *b = network->theta + 3 * h, *v = b + h, *c = v + 3 * h;
     const float affine[12] = {0, 0, 0, c[0], 0, 0, 0, c[1], 0, 0, 0, c[2]};
     float *packed = malloc((size_t)(ROW * h + 1) * sizeof(float));
     if (packed) {
         for (int64_t i = 0; i < h; i++) {
             float *unit = packed + ROW * i;
-            memcpy(unit, theta + 3 * i, 3 * sizeof(float));
+            memcpy(unit, network->theta + 3 * i, 3 * sizeof(float));
             unit[3] = b[i];
             for (int axis = 0; axis < 3; axis++)
                 unit[4 + axis] = v[axis * h + i];
         }
-        const int64_t starts[2] = {0, h};
-        const Fold fold = {.grid = 0, .starts = starts, .packed = packed, .affine = affine};
-        map_points(set, &fold, x, n, y); /* one cell takes no memory */
+        const Cell cell = {network->activation, packed, h, affine};
+        set->fold_cell(&cell, (const float *const[]){x, x + n, x + 2 * n}, (float *const[]){y, y + n, y + 2 * n}, n);
     }
     free(packed);
     return packed != NULL;
 }
 
+/* Compute a network of any layers; false without memory. */
+static int map_network(const Set *set, const Network *network, const float *x, int64_t n, float *y)
+{
+    const int64_t *widths = network->widths, line = 64 / sizeof(float);
+    int64_t widest = 0;
+    if (network->layers == 2 && widths[0] == 3 && widths[2] == 3)
+        return map_one_layer(set, network, x, n, y);
+    for (int64_t i = 0; i <= network->layers; i++)
+        widest = widths[i] > widest ? widths[i] : widest;
+    const int64_t size = widest * LARGEST_TILE; /* of the values of a tile */
+    float *memory = calloc((size_t)(2 * size + line), sizeof(float));
+    if (memory) {
+        float *from = memory + (line - (int64_t)((uintptr_t)memory / sizeof(float)) % line) % line;
+        set->map_layers(network, x, n, y, from, from + size);
+    }
+    free(memory);
+    return memory != NULL;
+}
+
+/* Return the numbers of a network's theta, or -1 with ValueError. */
+static Py_ssize_t size_of(const int64_t *widths, Py_ssize_t count)
+{
+    Py_ssize_t size = 0;
+    for (Py_ssize_t i = 0; i < count; i++)
+        if (count < 2 || widths[i] < 1 || widths[i] > WIDEST) {
+            PyErr_Format(PyExc_ValueError, "widths are not two or more of 1 to %d", WIDEST);
+            return -1;
+        }
+    for (Py_ssize_t i = 1; i < count && size <= INT32_MAX; i++)
+        size += (widths[i - 1] + 1) * widths[i];
+    if (size <= INT32_MAX)
+        return size;
+    PyErr_Format(PyExc_ValueError, "widths make a network of more than %d numbers", INT32_MAX);
+    return -1;
+}
+
 static PyObject *network(PyObject *module, PyObject *arguments)
 {
-    PyObject *x_object, *theta_object, *y_object;
+    PyObject *x_object, *theta_object, *widths_object, *y_object;
     Buffers buffers = {.count = 0};
-    Py_ssize_t three = 3, n = -1, size = -1;
-    int index = best_set(), enough = 1;
-    const float *x, *theta;
+    Py_ssize_t n = -1, size, ends = -1, inputs, outputs;
+    int index = best_set(), enough = 1, is_tanh;
+    const float *x;
+    const int64_t *widths;
+    Network network;
     float *y;
 
     (void)module;
-    if (!PyArg_ParseTuple(arguments, "OOO|i:network", &x_object, &theta_object, &y_object, &index) || !is_set(index))
+    if (!PyArg_ParseTuple(arguments, "OOOpO|i:network", &x_object, &theta_object, &widths_object, &is_tanh, &y_object,
+                          &index) ||
+        !is_set(index))
         return NULL;
-    if ((x = TAKE(x, "float32", READ, &three, &n)) && (theta = TAKE(theta, "float32", READ, &size)) &&
-        (y = TAKE(y, "float32", WRITE, &three, &n))) {
-        if (size < 3 || (size - 3) % ROW)
-            PyErr_Format(PyExc_ValueError, "theta has %zd numbers; a multiple of 7, and 3, is needed", size);
-        else {
+    if ((widths = TAKE(widths, "int64", READ, &ends)) && (size = size_of(widths, ends)) >= 0) {
+        inputs = widths[0];
+        outputs = widths[ends - 1];
+        if ((x = TAKE(x, "float32", READ, &inputs, &n)) && (network.theta = TAKE(theta, "float32", READ, &size)) &&
+            (y = TAKE(y, "float32", WRITE, &outputs, &n))) {
+            network.widths = widths;
+            network.layers = ends - 1;
+            network.activation = is_tanh ? TANH : RELU;
             Py_BEGIN_ALLOW_THREADS
-            enough = map_network(&sets[index], theta, (size - 3) / ROW, x, n, y);
+            enough = map_network(&sets[index], &network, x, n, y);
             Py_END_ALLOW_THREADS
         }
     }

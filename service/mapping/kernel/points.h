@@ -4,7 +4,7 @@
  *   TARGET    the attribute that lets the compiler use the set
  *   LANES     floats of a vector
  *   VECTORS   vectors of a tile: as many as the registers hold
- *   RELU(u)   max(0, u) of a vector; NaN stays NaN
+ *   MAX(a, b), MIN(a, b)   of vectors; b where one of the two is NaN
  *
  * Points are the lanes: every point sums its units in the same order, whatever tile and lane it is in. So its value
  * depends on nothing but the point.
@@ -15,9 +15,28 @@
 
 typedef float Vector __attribute__((vector_size(4 * LANES), aligned(4), may_alias));
 
+/* Return tanh of a vector, with an absolute error below 5e-7: a quotient of polynomials that was fitted for |u| <= 8.5. */
+TARGET INLINE Vector NAME(tanh)(Vector u)
+{
+    u = MAX((Vector){0} - 8.5f, MIN((Vector){0} + 8.5f, u));
+    const Vector s = u * u;
+    const Vector p = u * (0.99999994f + s * (0.134062037f + s * (0.00352581707f + s * (2.11215392e-05f + s * 1.40992107e-08f))));
+    const Vector q = 1 + s * (0.467395157f + s * (0.0259911269f + s * (0.000333568692f + s * 8.07360323e-07f)));
+    return p / q;
+}
+
+TARGET INLINE Vector NAME(activate)(Vector u, const Activation activation)
+{
+    if (activation == TANH)
+        return NAME(tanh)(u);
+    if (activation == RELU)
+        return MAX((Vector){0}, u);
+    return u;
+}
+
 /* Compute one tile of `vectors` vectors, of which `count` points are read and written. */
-TARGET INLINE void NAME(fold_tile)(const int vectors, const Cell *cell, const float *const in[3], float *const out[3],
-                                   int64_t at, int64_t count)
+TARGET INLINE void NAME(fold_tile)(const int vectors, const Activation activation, const Cell *cell,
+                                   const float *const in[3], float *const out[3], int64_t at, int64_t count)
 {
     float spare[3][TILE] = {{0}};
     Vector x[3][VECTORS], total[3][VECTORS] = {{{0}}};
@@ -36,7 +55,7 @@ TARGET INLINE void NAME(fold_tile)(const int vectors, const Cell *cell, const fl
         for (const float *unit = cell->packed + ROW * start; unit < cell->packed + ROW * stop; unit += ROW) {
             for (int v = 0; v < vectors; v++) {
                 Vector u = unit[0] * x[0][v] + (unit[1] * x[1][v] + (unit[2] * x[2][v] + unit[3]));
-                u = RELU(u);
+                u = NAME(activate)(u, activation);
                 for (int axis = 0; axis < 3; axis++)
                     sum[axis][v] += unit[4 + axis] * u;
             }
@@ -48,22 +67,34 @@ TARGET INLINE void NAME(fold_tile)(const int vectors, const Cell *cell, const fl
     for (int axis = 0; axis < 3; axis++) {
         const float *t = cell->affine + 4 * axis;
         float *to = whole ? out[axis] + at : spare[axis];
-        for (int v = 0; v < vectors; v++)
-            *(Vector *)(to + v * LANES) =
-                total[axis][v] + (t[0] * x[0][v] + (t[1] * x[1][v] + (t[2] * x[2][v] + t[3])));
+        for (int v = 0; v < vectors; v++) {
+            Vector affine = (Vector){0} + t[3];
+            if (activation != TANH) /* else the map is constant, and zero times infinity would be NaN */
+                affine = t[0] * x[0][v] + (t[1] * x[1][v] + (t[2] * x[2][v] + affine));
+            *(Vector *)(to + v * LANES) = total[axis][v] + affine;
+        }
         if (!whole)
             memcpy(out[axis] + at, spare[axis], (size_t)count * sizeof(float));
     }
 }
 
-/* Compute the values of one cell's function at `n` points; `in` and `out` may be the same. */
-TARGET static void NAME(fold_cell)(const Cell *cell, const float *const in[3], float *const out[3], int64_t n)
+TARGET INLINE void NAME(fold_tiles)(const Activation activation, const Cell *cell, const float *const in[3],
+                                    float *const out[3], int64_t n)
 {
     int64_t at = 0;
     for (; at + TILE <= n; at += TILE)
-        NAME(fold_tile)(VECTORS, cell, in, out, at, TILE);
+        NAME(fold_tile)(VECTORS, activation, cell, in, out, at, TILE);
     for (; at < n; at += LANES)
-        NAME(fold_tile)(1, cell, in, out, at, n - at < LANES ? n - at : LANES);
+        NAME(fold_tile)(1, activation, cell, in, out, at, n - at < LANES ? n - at : LANES);
+}
+
+/* Compute the values of one cell's function at `n` points; `in` and `out` may be the same. */
+TARGET static void NAME(fold_cell)(const Cell *cell, const float *const in[3], float *const out[3], int64_t n)
+{
+    if (cell->activation == TANH)
+        NAME(fold_tiles)(TANH, cell, in, out, n);
+    else
+        NAME(fold_tiles)(RELU, cell, in, out, n);
 }
 
 /* Find the cell of each point. */
@@ -88,10 +119,3 @@ TARGET static void NAME(restore)(const int32_t *restrict place, const float *res
     for (int64_t i = 0; i < n; i++)
         y[i] = sorted[place[i]];
 }
-
-#undef Vector
-#undef TILE
-#undef NAME
-#undef TARGET
-#undef LANES
-#undef RELU
