@@ -1,8 +1,8 @@
 """The cost of a cloud: what a request is charged for, and the limits it has to keep.
 
-The cost of a point is its time in times of a point of the default model. The time is modeled by counts: of layers,
-because each takes a few calls of NumPy for a tile of points, and of weights and hidden units, because each is an
-operation. `python -m benchmarks.speed.costs` measures it for many shapes, and fits the prices.
+The cost of a point is its time in times of a point of the default model. The time is modeled by counts of layers,
+weights and hidden units. The compiled kernel and NumPy have prices of their own: for NumPy, a layer is a few calls for
+each tile of points. `python -m benchmarks.speed.costs` measures the time of many shapes, and fits the prices.
 """
 
 from collections import Counter
@@ -11,6 +11,7 @@ from typing import Final
 
 from service.errors import InvalidParameter
 from service.formats.points.registry import PointFormat
+from service.mapping import compiled
 from service.mapping.cloud import FIRST_PART, PART
 from service.mapping.spec import HOF_1, MappingSpec
 from service.storage.rows import Record
@@ -18,26 +19,46 @@ from service.storage.rows import Record
 WIDE: Final = 256  # units of a layer; the values of more do not stay in the L2 cache, for a tile of points
 HUGE: Final = 8_192  # units of a layer; the values of more stay in no cache
 CHEAP: Final = 16  # costs up to which a cloud may have as many points as the service allows at all
-PRICES_NS: Final = {  # as fitted, to two digits
+FOLDED_WIDE: Final = 2_048  # units of a folded layer; NumPy's time for one grows faster from here on
+COMPILED_NS: Final = {  # to two digits, so that no charge in COSTS.md is far from the cost
     "point": 22.0,
     "folded layer": 4.1,
     "folded unit": 0.034,
-    "layer": 3.9,
-    "weight": 0.0134,
-    "unit": 0.21,
-    "wide unit": 0.87,
-    "huge unit": 2.3,
-    "tanh": 0.16,
+    "wide folded unit": 0.0,
+    "layer": 0.28,
+    "weight": 0.013,
+    "unit": 0.022,
+    "wide unit": 0.1,
+    "huge unit": 0.035,
+    "tanh": 0.1,
+}
+NUMPY_NS: Final = {
+    "point": 76.0,
+    "folded layer": 23.0,
+    "folded unit": 0.15,
+    "wide folded unit": 0.45,
+    "layer": 4.2,
+    "weight": 0.013,
+    "unit": 0.35,
+    "wide unit": 0.86,
+    "huge unit": 1.8,
+    "tanh": 0.01,
 }
 
 
+def prices_ns() -> dict[str, float]:
+    """Return the prices of what computes the points here: the compiled kernel, or NumPy."""
+    return COMPILED_NS if compiled.load() else NUMPY_NS
+
+
 def counts_of(spec: MappingSpec, colors: Iterable[MappingSpec] = ()) -> Counter[str]:
-    """Count the operations for one point, by their names in `PRICES_NS`; for `colors` see `cost_of`."""
+    """Count the operations for one point, by their names in `prices_ns`; for `colors` see `cost_of`."""
     counts = Counter({"point": 1})
     for function, times in ((spec, spec.k), *((color, color.k) for color in colors)):
         if function.is_one_relu_layer:
             counts["folded layer"] += times * len(function.shapes)
             counts["folded unit"] += times * sum(function.hidden)
+            counts["wide folded unit"] += times * sum(max(0, width - FOLDED_WIDE) for width in function.hidden)
             continue
         counts["layer"] += times * len(function.shapes)
         counts["weight"] += times * sum(n_out * n_in for n_out, n_in in function.shapes)
@@ -55,7 +76,7 @@ def cost_of(spec: MappingSpec, colors: Iterable[MappingSpec] = ()) -> int:
     ----------
     colors : the spec of each of the object's color functions; a word has as many as it has colored objects.
     """
-    return max(1, round(_ns(spec, colors) / DEFAULT_NS))
+    return max(1, round(time_ns(spec, colors) / time_ns(HOF_1.with_k(2))))
 
 
 def cost_of_object(record: Record, *, in_color: bool = True) -> int:
@@ -67,11 +88,10 @@ def cost_of_object(record: Record, *, in_color: bool = True) -> int:
     return cost_of(record.spec, colors * (len(record.members) if record.kind == "composed" else 1))
 
 
-def _ns(spec: MappingSpec, colors: Iterable[MappingSpec] = ()) -> float:
-    return sum(PRICES_NS[name] * count for name, count in counts_of(spec, colors).items())
-
-
-DEFAULT_NS: Final = _ns(HOF_1.with_k(2))
+def time_ns(spec: MappingSpec, colors: Iterable[MappingSpec] = ()) -> float:
+    """Return the time of one point in nanoseconds, as the prices have it; for `colors` see `cost_of`."""
+    prices = prices_ns()
+    return sum(prices[name] * count for name, count in counts_of(spec, colors).items())
 
 
 def check_cost(n: int, cost: int, max_points: int, field: str) -> None:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from service.mapping.folding import FROM
 from service.mapping.sampler import Sampler
 from service.mapping.spec import Array, MappingSpec
-from service.runtime.cost import PRICES_NS, counts_of
+from service.runtime.cost import time_ns
 
 POINTS: Final = (4_096, 32_768)  # of one call: the fewest, and the most
 CALL_NS: Final = 50_000_000  # of one call, about
@@ -42,9 +42,8 @@ def weights(spec: MappingSpec, seed: int) -> Array:
 
 
 def _points(spec: MappingSpec) -> int:
-    expected_ns = sum(PRICES_NS[name] * count for name, count in counts_of(spec).items())
     fewest, most = POINTS
-    return min(max(int(CALL_NS / expected_ns) // fewest * fewest, fewest), most)
+    return min(max(int(CALL_NS / time_ns(spec)) // fewest * fewest, fewest), most)
 
 
 def _ns_of_a_point(sampler: Sampler, n: int) -> float:

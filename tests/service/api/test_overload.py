@@ -19,6 +19,7 @@ from service.runtime.cost import in_flight
 from service.settings import Settings
 from service.storage import sqlite
 from service.storage.sqlite import SQLITE_CONNECTIONS, SqliteDatabase
+from tests.service.mapping.engines import needs_kernel
 from tests.support.processes import hof, serving
 from tests.support.resources import others, threads
 from tests.support.server import Server, check_refused, running
@@ -149,6 +150,7 @@ def test_points_over_the_limit_answer_429_until_the_stream_ends(slow: Server, qu
     assert len(quick.get(f"{path}?n=100&format=f32").content) == 1200
 
 
+@needs_kernel  # NumPy has prices of its own
 def test_points_of_a_large_function_cost_more_and_are_limited_lower(settings: Settings) -> None:
     wide = replace(HOF_1, hidden=(3_500,), k=16)  # 19 times the work of the default model
     file = dump(Weights(wide, 0.1 * initial_theta(wide), "m"), "safetensors")
@@ -169,6 +171,7 @@ def test_points_of_a_large_function_cost_more_and_are_limited_lower(settings: Se
         check_refused(client.get(f"{path}?n=8421053"), "n", "8421052")
 
 
+@needs_kernel  # NumPy has prices of its own
 def test_mesh_and_compose_of_a_huge_function_are_refused_over_the_limit(settings: Settings) -> None:
     huge = replace(HOF_1, hidden=(28_571,), k=8)  # 73 times the work of the default model
     files = [dump(Weights(huge, 0.001 * initial_theta(huge, seed), "m"), "safetensors") for seed in range(2)]

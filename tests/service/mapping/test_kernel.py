@@ -84,7 +84,7 @@ def network(spec: MappingSpec, theta: Array, x: Array, instructions: int) -> Arr
 def test_network_of_any_layers_gives_the_values_of_the_mapping(spec: MappingSpec, n: int, instructions: int) -> None:
     theta = weights(spec, n)
     x = np.random.default_rng(n).uniform(-1.5, 1.5, (spec.input_dim, n)).astype(np.float32)
-    expected = apply(spec, theta.astype(np.float64), x.T.astype(np.float64)).T  # type: ignore[arg-type]
+    expected = apply(spec, theta.astype(np.float64), x.T.astype(np.float64)).T
     values = network(spec, theta, x, instructions)
     np.testing.assert_allclose(values, expected, rtol=0, atol=EXACT * np.abs(expected).max(initial=0))
 

@@ -4,10 +4,12 @@ from datetime import UTC, datetime
 import pytest
 from threadpoolctl import threadpool_limits
 
+from service.mapping import compiled
 from service.mapping.cloud import FIRST_PART, PART
 from service.mapping.spec import HOF_1, HOF_3, MappingSpec
 from service.runtime.cost import cost_of, cost_of_object, in_flight
 from service.storage.rows import Record
+from tests.service.mapping.engines import needs_kernel
 from tests.support.point_times import measure
 
 SLACK = 3.0  # between charge and measurement on any machine; benchmarks/COSTS.md has 1.5 on the one that was measured
@@ -35,14 +37,19 @@ def test_cost_of_the_default_model_and_of_smaller_functions_is_1() -> None:
     ],
     ids=lambda spec: spec.name,
 )
-def test_cost_of_a_shape_follows_its_time_beside_the_default_model(spec: MappingSpec) -> None:
+@pytest.mark.parametrize("engine", ["numpy", pytest.param("kernel", marks=needs_kernel)])
+def test_cost_of_a_shape_follows_its_time_beside_the_default_model(
+    spec: MappingSpec, engine: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if engine == "numpy":
+        monkeypatch.setattr(compiled, "load", lambda: None)
     with threadpool_limits(1, user_api="blas"):
         default, ns = measure((HOF_1.with_k(2), spec), rounds=3)
     assert 1 / SLACK < cost_of(spec) / (ns / default) < SLACK
 
 
 def test_cost_of_an_object_includes_each_color_function() -> None:
-    color = MappingSpec("color", 3, (64, 64), 3)
+    color = MappingSpec("color", 3, (128, 128), 3)
     encoded = Record("a", "encoded", "m", HOF_1.with_k(2), datetime.now(UTC), color_spec=color)
     composed = replace(encoded, kind="composed", members=("a", "b"))
     assert cost_of_object(encoded, in_color=False) == 1
