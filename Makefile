@@ -30,7 +30,7 @@ demo serve: export U2NET_HOME ?= $(dir $(MATTING))
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/\1\t\2/p' $(MAKEFILE_LIST) | expand -t 12
 
-demo: .venv/service.stamp $(MATTING) ## photos to points over HTTP; writes out/demo
+demo: .venv/service.stamp $(MATTING) ## photos to 3D objects over HTTP; writes out/demo
 	$(BIN)/python demo/run.py --out out/demo
 
 serve: .venv/service.stamp $(MATTING) ## the service on 127.0.0.1:8080; settings by HOF_* variables

@@ -1,6 +1,6 @@
 """The page for a visitor: Lighthouse's scores and the time from a photo to its object on the stage.
 
-`python -m benchmarks.page` prints the figures. It needs Chromium, Node, and what `make test` installs for the page.
+`python -m benchmarks.page` writes PAGE.md. It needs Chromium, Node, and what `make test` installs for the page.
 """
 
 import argparse
@@ -22,11 +22,21 @@ from model.provenance import provenance
 from tests.support.browsing import TIMEOUT_MS, WEBGL, launched, photo
 from tests.support.processes import hof, serving
 
+HERE: Final = Path(__file__).resolve().parent
 LIGHTHOUSE: Final = Path("tests/service/viewer/tools/node_modules/lighthouse/cli/index.js")
 CATEGORIES: Final = {"performance": 95, "accessibility": 95}  # least score of each
 FIRST_S: Final = 1.5  # most of them, from a photo to its object on the stage
 CORES: Final = 2  # of the machine: of the service and of the browser together
 TIMEOUT_S: Final = 300
+
+HEAD: Final = """\
+# The page
+
+Written by `python -m benchmarks.page`. {machine}; {date}, seed {seed}, commit {commit}. Service and browser share {cores}
+cores; the load average at the end was {load:.1f}. Chromium draws without a graphics card. Each of {rounds} photos is new to
+the service, and the page is opened anew for it; the longest took {longest:.2f} s.
+
+"""
 
 # Resolves to the milliseconds from the choice of a photo until its surface is drawn.
 WATCH: Final = """() => {
@@ -47,10 +57,12 @@ WATCH: Final = """() => {
 
 
 def main() -> None:
-    """Measure and print."""
+    """Measure the page; write PAGE.md and print it."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.page", description=main.__doc__)
     parser.add_argument("--rounds", type=int, default=7, help="photos")
-    rounds = parser.parse_args().rounds
+    parser.add_argument("-o", "--output", type=Path, default=HERE, help="folder of PAGE.md; default: benchmarks")
+    arguments = parser.parse_args()
+    rounds = arguments.rounds
     chromium = shutil.which("chromium")
     if not chromium or not LIGHTHOUSE.is_file():
         parser.error("it needs chromium, and `npm ci --prefix tests/service/viewer/tools`")
@@ -63,12 +75,12 @@ def main() -> None:
             scores = lighthouse(chromium, url, device)
             targets += [Target(f"Lighthouse, {device}: {name}", scores[name], CATEGORIES[name]) for name in CATEGORIES]
         times = first_results_s(url, rounds)
-    what = f"s from a photo to its object on the stage, median of {rounds}"
+    what = "s from a photo to its object on the stage, median"
     targets.append(Target(what, float(np.median(times)), FIRST_S, at_most=True))
-    print(
-        f"{run['machine']}; {run['date']}, commit {run['commit']}; load {os.getloadavg()[0]:.1f}; software rendering\n"
-    )
-    print(targets_table(targets))
+    about = {"load": os.getloadavg()[0], "cores": len(cores), "rounds": rounds, "longest": max(times)}
+    report = HEAD.format(**run, **about) + targets_table(targets) + "\n"
+    (arguments.output / "PAGE.md").write_text(report, encoding="utf-8")
+    print(report, end="")
 
 
 def lighthouse(chromium: str, url: str, device: str) -> dict[str, float]:

@@ -8,7 +8,7 @@ import { watchConnection } from "./notice.js";
 import { addressedId, wordBody } from "./objects.js";
 import { hasPhoto, hidePhoto, showModels, startPhotos } from "./photo/photo.js";
 import { attempt } from "./problem.js";
-import { translatePage } from "./text.js";
+import { text, translatePage } from "./text.js";
 import { clearView, focusStage, showObject, showWords, startView, stopWorking } from "./object/view.js";
 
 const PATIENCE_MS = 3000; // for the object that the page begins with
@@ -41,7 +41,7 @@ function composeTwo(first, second) {
     const objects = [];
     for (const label of labels) objects.push(await objectOf(label, { A: first, B: second }));
     const letters = { [first.id]: "A", [second.id]: "B" };
-    const about = `Words over A and B: ${labels[1]} is ${formula(labels[1])}; the last letter is applied first.`;
+    const about = text("aboutWords", { word: labels[1], formula: formula(labels[1]) });
     await reloadGallery();
     hidePhoto();
     hideName();

@@ -13,10 +13,10 @@ export function summarize({ dimensions, bytes, shape_confidence: fit }) {
 
 /** A line for experts: numbers, network, time and sides. */
 export function describe({ kind, model, spec, bytes, dimensions, shape_confidence: fit, created_at: created }) {
-  const numbers = number(bytes / 4);
   const when = new Date(created).toLocaleString(language, { dateStyle: "medium", timeStyle: "short" });
   const sides = dimensions?.map((side) => side.toFixed(2)).join(" × "); // lists lack those of older objects
-  const size = sides ? `, ${sides} (width, height, depth)` : "";
-  const likely = fit === undefined ? "" : `; expected fit of the shape: ${Math.round(100 * fit)}%`;
-  return `${numbers} numbers (${spec.name}, k = ${spec.k}, of ${model}), ${kind} ${when}${size}${likely}`;
+  const about = text("about", { numbers: number(bytes / 4), spec: spec.name, k: spec.k, model, kind, when });
+  const size = sides ? text("aboutSides", { sides }) : "";
+  const likely = fit === undefined ? "" : text("aboutFit", { percent: Math.round(100 * fit) });
+  return about + size + likely;
 }
