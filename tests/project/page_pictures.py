@@ -3,7 +3,7 @@
 import io
 import tempfile
 from pathlib import Path
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import httpx
 from PIL import Image
@@ -18,6 +18,7 @@ VIEWER: Final = STATIC.parent
 EXAMPLES: Final = ("Lamp", "Barrel", "Bed", "Armchair", "Chair")  # the newest one last
 MAX_BYTES: Final = 300_000
 QUALITY: Final = 88
+PHONE: Final = 500  # pixels; less is a phone's screen
 
 
 def take(folder: Path) -> None:
@@ -44,9 +45,9 @@ def _shoot(
     browser: Browser, address: str, example: str, scheme: Literal["light", "dark"], size: ViewportSize, path: Path
 ) -> None:
     """Choose an example, and take a picture once the object and the cards in view are drawn."""
-    with browser.new_context(
-        viewport=size, color_scheme=scheme, device_scale_factor=1.5, reduced_motion="reduce"
-    ) as context:
+    looks: dict[str, Any] = {"color_scheme": scheme, "device_scale_factor": 1.5, "reduced_motion": "reduce"}
+    is_phone = size["width"] < PHONE
+    with browser.new_context(viewport=size, is_mobile=is_phone, has_touch=is_phone, **looks) as context:
         page = context.new_page()
         page.set_default_timeout(TIMEOUT_MS)
         page.goto(address)

@@ -179,6 +179,13 @@ def test_page_offers_every_format() -> None:
     }
 
 
+def test_page_makes_iphones_send_jpeg() -> None:
+    """iOS converts a HEIC photo where a file input accepts JPEG and neither HEIC nor every image."""
+    (accepted,) = re.findall(r'<input id="file"[^>]* accept="([^"]+)"', INDEX)
+    assert "image/jpeg" in accepted.split(",")
+    assert not {"image/heic", "image/heif", "image/*"} & set(accepted.split(","))
+
+
 def test_static_page_has_every_call_of_the_page() -> None:
     """The static page (`make static`) takes local/api.js for js/api.js: a missing export breaks it."""
     export = re.compile(r"^export (?:async function|function|class|const) (\w+)", re.MULTILINE)
