@@ -29,14 +29,12 @@ FIRST_S: Final = 1.5  # most of them, from a photo to its object on the stage
 CORES: Final = 2  # of the machine: of the service and of the browser together
 TIMEOUT_S: Final = 300
 
-HEAD: Final = """\
-# The page
-
-Written by `python -m benchmarks.page`. {machine}; {date}, seed {seed}, commit {commit}. Service and browser share {cores}
-cores; the load average at the end was {load:.1f}. Chromium draws without a graphics card. Each of {rounds} photos is new to
-the service, and the page is opened anew for it; the longest took {longest:.2f} s.
-
-"""
+HEAD: Final = (
+    "# The page\n\n"
+    "Written by `python -m benchmarks.page`. {machine}; {date}, seed {seed}, commit {commit}. Service and browser "
+    "share {cores} cores; the load average at the end was {load:.1f}. Chromium draws without a graphics card. Each of "
+    "{rounds} photos is new to the service, and the page is opened anew for it; the longest took {longest:.2f} s.\n\n"
+)
 
 # Resolves to the milliseconds from the choice of a photo until its surface is drawn.
 WATCH: Final = """() => {

@@ -180,7 +180,7 @@ def test_page_offers_every_format() -> None:
 
 
 def test_page_makes_iphones_send_jpeg() -> None:
-    """iOS converts a HEIC photo where a file input accepts JPEG and neither HEIC nor every image."""
+    """The system of iPhones converts a HEIC photo where a file input accepts JPEG and neither HEIC nor every image."""
     (accepted,) = re.findall(r'<input id="file"[^>]* accept="([^"]+)"', INDEX)
     assert "image/jpeg" in accepted.split(",")
     assert not {"image/heic", "image/heif", "image/*"} & set(accepted.split(","))
