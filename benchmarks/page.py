@@ -75,8 +75,8 @@ def main() -> None:
         times = first_results_s(url, rounds)
     what = "s from a photo to its object on the stage, median"
     targets.append(Target(what, float(np.median(times)), FIRST_S, at_most=True))
-    about = {"load": os.getloadavg()[0], "cores": len(cores), "rounds": rounds, "longest": max(times)}
-    report = HEAD.format(**run, **about) + targets_table(targets) + "\n"
+    head = HEAD.format(**run, load=os.getloadavg()[0], cores=len(cores), rounds=rounds, longest=max(times))
+    report = f"{head}{targets_table(targets)}\n"
     (arguments.output / "PAGE.md").write_text(report, encoding="utf-8")
     print(report, end="")
 

@@ -79,6 +79,17 @@ def test_speed_run_quick_writes_its_tables(tmp_path: Path) -> None:
     assert (tmp_path / "runtime.png").stat().st_size > 10_000
 
 
+@pytest.mark.browser
+def test_page_run_writes_its_table(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "benchmarks.page", "--rounds", "1", "-o", str(tmp_path)]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=RUN_TIMEOUT_S, check=False, cwd=ROOT)
+    assert run.returncode == 0, run.stderr
+    text = (tmp_path / "PAGE.md").read_text("utf-8")
+    assert text == run.stdout
+    for row in ("desktop: performance", "mobile: accessibility", "from a photo to its object"):
+        assert row in text
+
+
 @pytest.mark.system
 def test_load_run_quick_writes_its_tables(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "benchmarks.load.run", "--quick", "-o", str(tmp_path)]
