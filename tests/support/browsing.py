@@ -21,6 +21,10 @@ from tests.support.slow import DEADLINE_S
 
 PICTURES = ROOT / "out" / "viewer"
 WEBGL = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+ON_PROCESSOR = [
+    "--disable-gpu-rasterization",
+    "--disable-gpu-compositing",
+]  # no GPU here: half the work of its imitation
 TIMEOUT_MS = 60_000
 TRIANGLES = re.compile(r"^[\d,]{5,} triangles$")
 INK = 40  # of 255: by how much a pixel differs from the empty stage to be the object's
@@ -54,14 +58,21 @@ def launched(playwright: Playwright) -> Browser:
     """Start Chromium without a window."""
     chromium = shutil.which("chromium")
     assert chromium, "the page is tested in Debian's chromium: tests/support/system.sh installs it"
-    return playwright.chromium.launch(executable_path=chromium, args=WEBGL)
+    return playwright.chromium.launch(executable_path=chromium, args=[*WEBGL, *ON_PROCESSOR])
 
 
 @pytest.fixture(scope="module")
 def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """Run a service with the default model and two objects, a chair and an armchair."""
     store = f"sqlite:///{tmp_path_factory.mktemp('store') / 'hof.db'}"
-    with running(Settings(model=(SHIPPED_MODEL,), database_url=store, matting_model=None, threads=1)) as server:
+    settings = Settings(
+        model=(SHIPPED_MODEL,),
+        database_url=store,
+        matting_model=None,
+        threads=1,
+        max_points_in_flight=100_000_000,  # as the page opens, it asks for more than it may: the rest comes seconds later
+    )
+    with running(settings) as server:
         address = f"http://127.0.0.1:{server.port}"
         for name in ("chair", "armchair"):
             assert httpx.post(f"{address}/encode", content=photo(name).read_bytes(), timeout=60).status_code == 201

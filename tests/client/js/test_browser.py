@@ -32,7 +32,7 @@ ENCODED = """async () => {
 @pytest.fixture
 def bare(browser: Browser, address: str, built: Path) -> Iterator[Page]:
     """Open a page of the service's origin that offers the package under /hof-client/."""
-    with browser.new_context() as context:
+    with browser.new_context(reduced_motion="reduce") as context:
         page = context.new_page()
         page.route(
             "**/hof-client/**",

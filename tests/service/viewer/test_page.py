@@ -35,7 +35,7 @@ from tests.support.small import model as tiny_model
 
 
 def test_policy_allows_the_import_map_and_nothing_from_elsewhere(browser: Browser, address: str) -> None:
-    with browser.new_context() as context:
+    with browser.new_context(reduced_motion="reduce") as context:
         page = context.new_page()
         page.goto(f"{address}/")
         pinned = json.loads((viewer.STATIC.parent / "package.json").read_text("utf-8"))["dependencies"]["three"]
@@ -80,7 +80,7 @@ def test_model_of_two_can_be_chosen(page: Page, browser: Browser, tmp_path: Path
     store = f"sqlite:///{tmp_path / 'hof.db'}"
     with (
         running(Settings(model=(SHIPPED_MODEL, other), database_url=store)) as server,
-        browser.new_context() as context,
+        browser.new_context(reduced_motion="reduce") as context,
     ):
         page = context.new_page()
         page.goto(f"http://127.0.0.1:{server.port}/")
@@ -100,7 +100,7 @@ def test_model_for_points_is_not_offered_for_photos(browser: Browser, model_path
     other = tiny_model.build(tmp_path / "tiny-k4.onnx", spec, meta=tiny_model.metadata(spec, "tiny-k4"))
     models = (tiny_model.build_points(tmp_path / "tiny-k2-points.onnx"), model_path, other)
     settings = Settings(model=models, database_url=f"sqlite:///{tmp_path / 'hof.db'}", matting_model=None)
-    with running(settings) as server, browser.new_context() as context:
+    with running(settings) as server, browser.new_context(reduced_motion="reduce") as context:
         page = context.new_page()
         page.goto(f"http://127.0.0.1:{server.port}/")
         page.get_by_text("Advanced").click()

@@ -33,7 +33,7 @@ def test_key_dialog_opens_once_and_the_key_is_used(browser: Browser, model_path:
     settings = Settings(
         model=(model_path,), database_url=f"sqlite:///{tmp_path / 'hof.db'}", api_keys_file=tmp_path / "keys", threads=1
     )
-    with running(settings) as server, browser.new_context() as context:
+    with running(settings) as server, browser.new_context(reduced_motion="reduce") as context:
         page = context.new_page()
         page.set_default_timeout(TIMEOUT_MS)
         page.goto(f"http://127.0.0.1:{server.port}/")
@@ -106,7 +106,7 @@ def test_photo_on_a_phone_has_its_object_and_its_cut_out_on_the_first_screen(bro
 
 
 def test_documentation_loads_nothing_from_elsewhere(browser: Browser, address: str) -> None:
-    with browser.new_context() as context:
+    with browser.new_context(reduced_motion="reduce") as context:
         page = context.new_page()
         urls: list[str] = []
         page.on("request", lambda request: urls.append(request.url))

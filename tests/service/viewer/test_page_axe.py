@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
 import httpx
 import pytest
@@ -15,23 +15,43 @@ from tests.support.browsing import PICTURES, QUICK_LOOK, TIMEOUT_MS, TRIANGLES, 
 from tests.support.server import running
 
 AXE = Path(__file__).parent / "tools" / "node_modules" / "axe-core" / "axe.min.js"
-RULES = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]
-LOOKS = [(1280, 1000, "light"), (1280, 1000, "dark"), (390, 844, "dark"), (360, 640, "light")]
+RULES = {"type": "tag", "values": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]}
+RULES_OF_COLOR = {"type": "rule", "values": ["color-contrast", "link-in-text-block"]}
 
 State = Callable[[Page], None]
 
 
-@pytest.fixture(params=LOOKS, ids=lambda look: f"{look[0]}x{look[1]}-{look[2]}")
-def look(request: pytest.FixtureRequest) -> tuple[int, int, str]:
-    """Return a width, a height and a color scheme."""
-    width, height, scheme = request.param
-    return width, height, scheme
+class Look(NamedTuple):
+    """A size of the window and a color scheme; `full`: all rules are checked in it, else those of colors."""
+
+    width: int
+    height: int
+    scheme: Literal["light", "dark"]
+    full: bool
+
+    def put_on(self, page: Page) -> None:
+        """Give an open page this look."""
+        page.set_viewport_size({"width": self.width, "height": self.height})
+        page.emulate_media(color_scheme=self.scheme)
+
+
+# Both looks of a pair have one layout, so that the second one differs in its colors alone.
+DESK = (Look(1280, 1000, "light", full=True), Look(1280, 1000, "dark", full=False))
+PHONE = (Look(360, 640, "light", full=True), Look(390, 844, "dark", full=False))
+
+Looks = tuple[Look, Look]
+
+
+@pytest.fixture(params=[DESK, PHONE], ids=["desk", "phone"])
+def looks(request: pytest.FixtureRequest) -> Looks:
+    looks: Looks = request.param
+    return looks
 
 
 @pytest.fixture
-def visitor(browser: Browser, address: str, look: tuple[int, int, str]) -> Iterator[Page]:
-    """Open the page at a size, light or dark; nothing may be requested from elsewhere while a test uses it."""
-    with _context(browser, look) as context:
+def visitor(browser: Browser, address: str, looks: Looks) -> Iterator[Page]:
+    """Open the page in the first look; nothing may be requested from elsewhere while a test uses it."""
+    with _context(browser, looks) as context:
         urls: list[str] = []
         context.on("request", lambda request: urls.append(request.url))
         yield opened(context.new_page(), address)
@@ -39,8 +59,8 @@ def visitor(browser: Browser, address: str, look: tuple[int, int, str]) -> Itera
 
 
 @contextmanager
-def _context(browser: Browser, look: tuple[int, int, str]) -> Iterator[BrowserContext]:
-    width, height, scheme = look
+def _context(browser: Browser, looks: Looks) -> Iterator[BrowserContext]:
+    width, height, scheme, _ = looks[0]
     options: dict[str, Any] = {"viewport": {"width": width, "height": height}, "color_scheme": scheme}
     with browser.new_context(**options, has_touch=width < 500, reduced_motion="reduce") as context:
         yield context
@@ -130,72 +150,81 @@ STATES: dict[str, State] = {
 }
 
 
-def test_states_have_no_fault_that_axe_finds_and_nothing_sticks_out(visitor: Page, look: tuple[int, int, str]) -> None:
+def test_states_have_no_fault_that_axe_finds_and_nothing_sticks_out(visitor: Page, looks: Looks) -> None:
     faults = []
     for name, reach in STATES.items():
         reach(visitor)
-        faults += _faults(visitor, name, look)
+        faults += _faults(visitor, name, looks)
     assert faults == []
 
 
 def test_object_in_a_frame_and_its_error_have_no_fault_that_axe_finds(
-    browser: Browser, address: str, look: tuple[int, int, str]
+    browser: Browser, address: str, looks: Looks
 ) -> None:
     id_ = httpx.get(f"{address}/objects").json()["items"][0]["id"]
-    with _context(browser, look) as context:
+    with _context(browser, looks) as context:
         page = context.new_page()
         page.goto(f"{address}/embed#/objects/{id_}")
         expect(page.locator("#empty")).to_be_hidden(timeout=TIMEOUT_MS)
-        faults = _faults(page, "embed", look)
+        faults = _faults(page, "embed", looks)
         page.goto("about:blank")
         page.goto(f"{address}/embed#/objects/{'0' * 32}")
         expect(page.locator("#empty")).to_contain_text("Not found", timeout=TIMEOUT_MS)
-        assert faults + _faults(page, "embed-unknown", look) == []
+        assert faults + _faults(page, "embed-unknown", looks) == []
 
 
 def test_controls_of_augmented_reality_have_no_fault_that_axe_finds(
-    browser: Browser, address: str, look: tuple[int, int, str]
+    browser: Browser, address: str, looks: Looks
 ) -> None:
-    with _context(browser, look) as context:
+    with _context(browser, looks) as context:
         page = context.new_page()
         page.add_init_script(QUICK_LOOK)
         opened(page, address)
         expect(page.locator("#ar")).to_be_visible()
-        assert _faults(page, "ar", look) == []
+        assert _faults(page, "ar", looks) == []
 
 
 def test_key_dialog_has_no_fault_that_axe_finds(
-    browser: Browser, model_path: Path, tmp_path: Path, look: tuple[int, int, str]
+    browser: Browser, model_path: Path, tmp_path: Path, looks: Looks
 ) -> None:
     _, key = make_key("visitor", frozenset({"read", "write"}))
     (tmp_path / "keys").write_text(key.line)
     settings = Settings(
         model=(model_path,), database_url=f"sqlite:///{tmp_path / 'hof.db'}", api_keys_file=tmp_path / "keys", threads=1
     )
-    with running(settings) as server, _context(browser, look) as context:
+    with running(settings) as server, _context(browser, looks) as context:
         page = context.new_page()
         page.goto(f"http://127.0.0.1:{server.port}/")
         dialog = page.get_by_role("dialog", name="API key")
         expect(dialog).to_be_visible(timeout=TIMEOUT_MS)
-        faults = _faults(page, "key", look)
+        faults = _faults(page, "key", looks)
         dialog.get_by_label("API key").fill("wrong")
         dialog.get_by_role("button", name="Continue").click()
         expect(dialog.get_by_text("does not know this key")).to_be_visible(timeout=TIMEOUT_MS)
-        assert faults + _faults(page, "key-wrong", look) == []
+        assert faults + _faults(page, "key-wrong", looks) == []
 
 
-def _faults(page: Page, name: str, look: tuple[int, int, str]) -> list[str]:
-    """Return what axe finds on a page, and whether something sticks out; keep a picture of it."""
+def _faults(page: Page, name: str, looks: Looks) -> list[str]:
+    """Return what axe finds on a page in each look, and whether something sticks out; keep pictures of it."""
     assert AXE.is_file(), f"run `npm ci --prefix {AXE.parents[2]}`"
     if not page.evaluate("'axe' in globalThis"):
         page.evaluate(AXE.read_text("utf-8"))
-    page.screenshot(path=PICTURES / f"state-{name}-{look[0]}-{look[2]}.png", full_page=True)
-    report = page.evaluate("(values) => axe.run({ runOnly: { type: 'tag', values } })", RULES)
+    faults = []
+    for look in looks:
+        look.put_on(page)
+        faults += _faults_in(page, name, look)
+    looks[0].put_on(page)
+    return faults
+
+
+def _faults_in(page: Page, name: str, look: Look) -> list[str]:
+    page.screenshot(path=PICTURES / f"state-{name}-{look.width}-{look.scheme}.png", full_page=True)
+    report = page.evaluate("(runOnly) => axe.run({ runOnly })", RULES if look.full else RULES_OF_COLOR)
     faults = [
         f"{name}: {each['id']}: {node['target']} {node['failureSummary']}"
         for each in report["violations"]
         for node in each["nodes"]
     ]
-    if page.evaluate("document.documentElement.scrollWidth") > look[0]:
+    if page.evaluate("document.documentElement.scrollWidth") > look.width:
         faults.append(f"{name}: sticks out")
     return faults

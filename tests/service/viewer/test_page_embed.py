@@ -96,7 +96,7 @@ def test_embed_button_where_no_site_may_show_objects_is_hidden(page: Page) -> No
 
 
 def test_embed_button_with_a_key_is_hidden_since_frames_have_none(browser: Browser, embeddable: str) -> None:
-    with browser.new_context() as context:
+    with browser.new_context(reduced_motion="reduce") as context:
         page = context.new_page()
         page.add_init_script('sessionStorage.setItem("hof-key", "secret")')
         with page.expect_response("**/embed"):
@@ -106,7 +106,7 @@ def test_embed_button_with_a_key_is_hidden_since_frames_have_none(browser: Brows
 
 
 def test_embed_of_an_unknown_object_says_so(browser: Browser, address: str) -> None:
-    with browser.new_context() as context:
+    with browser.new_context(reduced_motion="reduce") as context:
         page = context.new_page()
         page.goto(f"{address}/embed#/objects/{'0' * 32}")
         expect(page.locator("#empty")).to_contain_text("Not found", timeout=TIMEOUT_MS)

@@ -173,7 +173,7 @@ def test_page_in_each_language_translates_every_text(browser: Browser, address: 
     for code, texts in LANGUAGES.items():
         assert texts.keys() == LANGUAGES["en"].keys(), code
         assert used <= texts.keys(), code
-    with browser.new_context(locale="de-DE") as context:
+    with browser.new_context(locale="de-DE", reduced_motion="reduce") as context:
         page = context.new_page()
         page.goto(f"{address}/")
         expect(page.locator("#drop")).to_have_text("Foto auswählen")

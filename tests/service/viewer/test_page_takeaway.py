@@ -46,7 +46,7 @@ def phone(
     def answer(route: Route) -> None:
         route.fulfill(response=route.fetch(url=route.request.url.replace(origin, address)))
 
-    with browser.new_context(viewport=PHONE, device_scale_factor=2, has_touch=True, user_agent=user_agent) as context:
+    with browser.new_context(viewport=PHONE, has_touch=True, reduced_motion="reduce", user_agent=user_agent) as context:
         page = context.new_page()
         page.add_init_script(NOTE_LINKS + script)
         if origin != address:
@@ -106,7 +106,7 @@ def test_ar_with_a_key_is_offered_by_quick_look_alone(browser: Browser, address:
 
 
 def test_controls_of_an_object_stay_within_their_row(browser: Browser, address: str) -> None:
-    with browser.new_context() as context:
+    with browser.new_context(reduced_motion="reduce") as context:
         page = context.new_page()
         page.goto(f"{address}/")
         expect(page.locator("#count")).to_have_text(TRIANGLES, timeout=TIMEOUT_MS)
