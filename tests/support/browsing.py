@@ -70,7 +70,7 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         database_url=store,
         matting_model=None,
         threads=1,
-        max_points_in_flight=100_000_000,  # as the page opens, it asks for more than it may: the rest comes seconds later
+        max_points_in_flight=100_000_000,  # as it opens, the page asks for more than the default
     )
     with running(settings) as server:
         address = f"http://127.0.0.1:{server.port}"
