@@ -90,9 +90,10 @@ export function clearView() {
   if (top < 0 || bottom > innerHeight) element("view").scrollIntoView({ block: "start" });
 }
 
-/** Hide the sign that an object is being made. */
+/** Tell that no object is shown, after a photo that did not become one. */
 export function stopWorking() {
   working.hidden = true;
+  empty.hidden = false;
 }
 
 /** Scroll to the stage and let the keys turn it. */
