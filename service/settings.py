@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Annotated, Final, Literal
 
 import platformdirs
-from limits import parse
 from pydantic import BeforeValidator, Field, field_validator
 from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
 
@@ -255,6 +254,8 @@ class Settings(BaseSettings):
     @classmethod
     def _is_a_rate(cls, text: str | None) -> str | None:
         if text is not None:
+            from limits import parse  # imported here so that a service without a limit starts faster
+
             try:
                 amount = parse(text).amount
             except ValueError as error:

@@ -2,8 +2,11 @@
 
 import sys
 
+from service.server.memory import importing
+
 try:
-    from service.cli.main import main
+    with importing():
+        from service.cli.main import main
 except KeyboardInterrupt:  # Ctrl-C while the command's modules are imported
     sys.exit(130)
 

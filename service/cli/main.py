@@ -24,6 +24,7 @@ from service.formats.path import PATH_FORMATS
 from service.formats.points.registry import POINT_FORMATS
 from service.formats.weights import WEIGHT_FORMATS
 from service.runtime.options import CameraOptions, MeshOptions, PathOptions, PointOptions
+from service.server.memory import importing
 from service.settings import Settings
 
 FAILED: Final = 2
@@ -192,7 +193,8 @@ def _add_fields(parser: argparse.ArgumentParser, model: type[BaseModel], names: 
 
 def _serve(arguments: argparse.Namespace) -> None:
     """Serve the API. Each flag has an environment variable, in brackets."""
-    from service.server.serve import serve  # imported here so that the other commands start fast
+    with importing():
+        from service.server.serve import serve  # imported here so that the other commands start fast
 
     serve(files.settings_of(arguments))
 

@@ -1,18 +1,20 @@
 """Access control: API keys, rate limits and full gates, checked by a request's head before its body is read."""
 
 from collections.abc import Mapping
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.api.context import RequestContext, client_of, context_of
 from service.api.keys import Keys
-from service.api.middleware.rate_limit import RateLimit
 from service.api.problems import respond, unknown_path
 from service.errors import Forbidden, HofError, InvalidKeys, RateLimited, Unauthenticated
 from service.runtime.admission import Gate
 from service.settings import Settings
+
+if TYPE_CHECKING:
+    from service.api.middleware.rate_limit import RateLimit
 
 MAX_DROPPED: Final = 65_536  # bytes of a refused body that are read and dropped: cheaper than another connection
 
@@ -51,7 +53,7 @@ class Access:
         self._gates = gates
         self._keys = keys_of(settings)
         self._metrics_need_a_key = settings.metrics == "key"
-        self._limit = RateLimit(settings.rate_limit) if settings.rate_limit else None
+        self._limit = _rate_limit(settings.rate_limit) if settings.rate_limit else None
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the request on, or answer it."""
@@ -83,7 +85,8 @@ class Access:
         else:
             # Without a route the right scope is unknown, whatever the router would make of the path (`/metrics%0A`).
             is_known = context_of(scope).route is not None
-            await (self._app if is_known else unknown_path())(scope, receive, send_with_headers)
+            app, adds_headers = self._app if is_known else unknown_path(), self._keys or extra_headers
+            await app(scope, receive, send_with_headers if adds_headers else send)
 
     def _key_scope(self, scope: Scope) -> str | None:
         """Return the scope that a key needs for a request; None if the request needs no key."""
@@ -108,7 +111,7 @@ class Access:
         if key_scope not in key.scopes:
             raise Forbidden(f"this call needs a key of the scope {key_scope}")
 
-    def _check_rate(self, limit: RateLimit, scope: Scope, headers: dict[str, str]) -> None:
+    def _check_rate(self, limit: "RateLimit", scope: Scope, headers: dict[str, str]) -> None:
         """Count the request and add the headers that report the limit. Raises RateLimited."""
         context: RequestContext = context_of(scope)
         client = context.key or client_of(scope) or ""
@@ -128,6 +131,12 @@ def keys_of(settings: Settings) -> Keys | None:
     if settings.metrics == "key":
         raise InvalidKeys("--metrics is key, but there is no keys file: name one by --api-keys-file")
     return None
+
+
+def _rate_limit(text: str) -> "RateLimit":
+    from service.api.middleware.rate_limit import RateLimit  # a service without a limit starts sooner
+
+    return RateLimit(text)
 
 
 def _token(headers: Headers) -> str | None:

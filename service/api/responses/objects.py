@@ -79,7 +79,8 @@ class StoredObject(BaseModel):
     @classmethod
     def of(cls, record: Record, root_path: str | None) -> "StoredObject":
         """Return the JSON form of a record; its links begin with `root_path`, as a proxy offers them."""
-        return cls(**object_fields(record, root_path))
+        image = ImageReport.of(record.image) if record.image else None
+        return cls(**object_fields(record, root_path), image=image)
 
 
 class ComposedObjects(BaseModel):
@@ -117,8 +118,7 @@ class EncodedObject(StoredObject):
     ) -> "EncodedObject":
         """Return the JSON form of a record, for the client that sent its images."""
         weights = weights_fields(functions) if functions else {}
-        fields = object_fields(record, root_path) | _image_fields(reports)
-        return cls(**fields, **weights)
+        return cls(**object_fields(record, root_path), **_image_fields(reports), **weights)
 
 
 class EncodedWeights(BaseModel):
@@ -164,7 +164,7 @@ class ObjectPage(BaseModel):
 
 
 def object_fields(record: Record, root_path: str | None) -> dict[str, Any]:
-    """Return the members of `StoredObject` for a record."""
+    """Return the members of `StoredObject` for a record, except for `image`."""
     path = f"{root_path or ''}/objects/{record.id}"
     composed = record.kind == "composed"
     return {
@@ -180,7 +180,6 @@ def object_fields(record: Record, root_path: str | None) -> dict[str, Any]:
         "bytes": 4 * record.spec.size * (record.spec.k if composed else 1),
         "dimensions": record.frame.dimensions if record.frame else None,
         "frame": Box(**vars(record.frame)) if record.frame else None,
-        "image": ImageReport.of(record.image) if record.image else None,
         **_estimates_fields(record.estimates),
         "links": Links(
             self=path,
