@@ -20,15 +20,15 @@ from tests.support.server import running
 from tests.support.slow import DEADLINE_S
 
 PICTURES = ROOT / "out" / "viewer"
-WEBGL = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-ON_PROCESSOR = [
-    "--disable-gpu-rasterization",
-    "--disable-gpu-compositing",
-]  # no GPU here: half the work of its imitation
+WEBGL = [
+    *("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
+    *("--disable-gpu-rasterization", "--disable-gpu-compositing"),  # SwiftShader, an imitated GPU, takes longer for it
+]
 TIMEOUT_MS = 60_000
 TRIANGLES = re.compile(r"^[\d,]{5,} triangles$")
 INK = 40  # of 255: by how much a pixel differs from the empty stage to be the object's
 SHADE = 2  # of 255: a difference between two pixels that nobody sees
+FRAMES = "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
 DRAWN = """async () => {
     const frames = () => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
     await frames(); // the page has asked for its drawing
@@ -58,7 +58,7 @@ def launched(playwright: Playwright) -> Browser:
     """Start Chromium without a window."""
     chromium = shutil.which("chromium")
     assert chromium, "the page is tested in Debian's chromium: tests/support/system.sh installs it"
-    return playwright.chromium.launch(executable_path=chromium, args=[*WEBGL, *ON_PROCESSOR])
+    return playwright.chromium.launch(executable_path=chromium, args=WEBGL)
 
 
 @pytest.fixture(scope="module")

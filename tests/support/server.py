@@ -1,11 +1,12 @@
-"""The service in a thread of the tests, over a real socket, and the type of what opens clients of it."""
+"""The service, or any handler of HTTP, in a thread of the tests, and the type of what opens clients of the service."""
 
 import asyncio
 import contextlib
 import socket
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Protocol
 
 import httpx
@@ -67,6 +68,19 @@ def running(settings: Settings) -> Iterator[Server]:
     finally:
         server.should_exit = True
         thread.join()
+
+
+@contextlib.contextmanager
+def answering(handler: Callable[..., BaseHTTPRequestHandler]) -> Iterator[str]:
+    """Let a handler answer requests, in threads, until the block ends; yield its URL."""
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        thread = threading.Thread(target=server.serve_forever, args=(0.01,))
+        thread.start()
+        try:
+            yield f"http://127.0.0.1:{server.server_port}"
+        finally:
+            server.shutdown()
+            thread.join()
 
 
 def check_refused(answer: httpx.Response, field: str, limit: str) -> None:

@@ -3,10 +3,9 @@
 import json
 import signal
 import sqlite3
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from http.server import BaseHTTPRequestHandler, HTTPServer
+from http.server import BaseHTTPRequestHandler
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ import httpx
 
 from service.api.keys import make_key
 from tests.support.processes import hof_serve
+from tests.support.server import answering
 
 
 @contextmanager
@@ -29,14 +29,8 @@ def collector() -> Iterator[tuple[str, list[tuple[str, bytes]]]]:
 
         def log_message(self, *_: object) -> None: ...
 
-    with HTTPServer(("127.0.0.1", 0), Collector) as server:
-        thread = threading.Thread(target=server.serve_forever)
-        thread.start()
-        try:
-            yield f"http://127.0.0.1:{server.server_port}", received
-        finally:
-            server.shutdown()
-            thread.join()
+    with answering(Collector) as url:
+        yield url, received
 
 
 def _lines(folder: Path) -> list[dict[str, Any]]:

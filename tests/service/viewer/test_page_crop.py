@@ -11,7 +11,7 @@ import pytest
 from PIL import Image, ImageDraw
 from playwright.sync_api import Browser, FloatRect, Page, expect
 
-from tests.support.browsing import PICTURES, TIMEOUT_MS, opened
+from tests.support.browsing import FRAMES, PICTURES, TIMEOUT_MS, opened
 from tests.support.slow import DEADLINE_S
 
 WIDTH, HEIGHT = 300, 400  # of the photo, upright
@@ -54,7 +54,7 @@ def _resting(page: Page) -> FloatRect:
     box = picture.bounding_box()
     deadline = time.monotonic() + DEADLINE_S
     while True:
-        page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+        page.evaluate(FRAMES)
         after = picture.bounding_box()
         if after and after == box:
             return after

@@ -3,9 +3,8 @@
 import re
 from collections.abc import Iterator
 from functools import partial
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from http.server import SimpleHTTPRequestHandler
 from pathlib import Path
-from threading import Thread
 from typing import Final
 
 import httpx
@@ -14,7 +13,7 @@ from playwright.sync_api import Browser, Page, expect
 
 from service.settings import SHIPPED_MODEL, Settings
 from tests.support.browsing import PICTURES, TIMEOUT_MS, TRIANGLES, photo
-from tests.support.server import running
+from tests.support.server import answering, running
 
 NAME: Final = 'The "best" <chair>'
 
@@ -24,15 +23,8 @@ def sites(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, str, 
     """Serve one folder at two origins, a shop's and another one; return these and the folder."""
     folder = tmp_path_factory.mktemp("site")
     handler = partial(SimpleHTTPRequestHandler, directory=folder)
-    with (
-        ThreadingHTTPServer(("127.0.0.1", 0), handler) as shop,
-        ThreadingHTTPServer(("127.0.0.1", 0), handler) as other,
-    ):
-        for server in (shop, other):
-            Thread(target=server.serve_forever, daemon=True).start()
-        yield f"http://127.0.0.1:{shop.server_port}", f"http://127.0.0.1:{other.server_port}", folder
-        for server in (shop, other):
-            server.shutdown()
+    with answering(handler) as shop, answering(handler) as other:
+        yield shop, other, folder
 
 
 @pytest.fixture(scope="module")

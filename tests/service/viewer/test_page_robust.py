@@ -9,12 +9,11 @@ import pytest
 from playwright.sync_api import Browser, Page, Route, expect
 
 from service.api.routes import viewer
-from tests.support.browsing import PICTURES, TIMEOUT_MS, TRIANGLES, first, hold, photo, release
+from tests.support.browsing import FRAMES, PICTURES, TIMEOUT_MS, TRIANGLES, first, hold, photo, release
 
 LANGUAGES = json.loads(
     (viewer.STATIC / "js" / "languages.js").read_text("utf-8").partition("LANGUAGES = ")[2].rstrip().rstrip(";")
 )
-FRAMES = "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
 
 
 def test_photo_that_is_chosen_last_wins(page: Page) -> None:

@@ -6,7 +6,6 @@ import io
 import re
 import shutil
 import subprocess
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -20,6 +19,7 @@ from playwright.sync_api import Browser, Page, expect
 from tests.support import ROOT
 from tests.support.browsing import PICTURES, TIMEOUT_MS, TRIANGLES, photo
 from tests.support.gltf import check_valid
+from tests.support.server import answering
 
 LOCAL = ROOT / "service" / "viewer" / "local"
 LIKE = 12  # of 255: mean difference of two pictures' objects; their triangles differ
@@ -55,12 +55,8 @@ class Quiet(http.server.SimpleHTTPRequestHandler):
 def files(folder: Path) -> Iterator[str]:
     """Serve the folder under a prefix; return the page's address."""
     handler = functools.partial(Quiet, directory=folder.parent)
-    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
-        thread = threading.Thread(target=server.serve_forever)
-        thread.start()
-        yield f"http://127.0.0.1:{server.server_port}/{folder.name}/"
-        server.shutdown()
-        thread.join()
+    with answering(handler) as url:
+        yield f"{url}/{folder.name}/"
 
 
 @pytest.fixture

@@ -1,19 +1,19 @@
 """moto's S3 server, on loopback, in an environment of its own: it pins other versions of our requirements."""
 
-import subprocess
+import os
 import threading
-import time
 from collections.abc import Container, Iterator
 from contextlib import contextmanager
 from http import HTTPStatus
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from http.server import BaseHTTPRequestHandler
 from typing import Final
 from urllib.parse import quote
 
 import httpx
 
 from tests.support import ROOT
-from tests.support.processes import START_TIMEOUT_S, free_port
+from tests.support.processes import serving
+from tests.support.server import answering
 
 PAIR_S: Final = 60  # longest wait for another read
 PYTHON: Final = ROOT / ".venv" / "s3" / "bin" / "python"  # moto_server names the folder of its install
@@ -48,28 +48,9 @@ class S3:
 def running_s3() -> Iterator[S3]:
     """Run the server."""
     assert PYTHON.is_file(), "these tests read from moto's S3 server: `make .venv/s3/stamp` installs it"
-    port = free_port()
-    url = f"http://127.0.0.1:{port}"
-    command = [str(PYTHON), "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)]
-    with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
-        try:
-            _wait(url, process)
-            yield S3(url)
-        finally:
-            process.terminate()
-
-
-def _wait(url: str, process: subprocess.Popen[bytes]) -> None:
-    deadline = time.monotonic() + START_TIMEOUT_S
-    while True:
-        try:
-            httpx.get(f"{url}/moto-api/data.json").raise_for_status()
-        except httpx.TransportError:
-            assert process.poll() is None, "moto_server ended"
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
-        else:
-            return
+    command = [str(PYTHON), "-m", "moto.server", "-H", "127.0.0.1", "-p", "{port}"]
+    with serving(command, os.sched_getaffinity(0), ready="/moto-api/data.json") as (url, _):
+        yield S3(url)
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -106,7 +87,7 @@ def server_of_pairs(content: bytes) -> Iterator[str]:
             else:
                 self.answer(HTTPStatus.OK, content)
 
-    with _serving(Handler) as url:
+    with answering(Handler) as url:
         yield url
 
 
@@ -127,17 +108,5 @@ def server_without_lists(content: bytes, names: Container[str], archived: Contai
                 code = "InvalidObjectState" if name in archived else "AccessDenied"
                 self.answer(HTTPStatus.FORBIDDEN, f"<Error><Code>{code}</Code><Message>no</Message></Error>".encode())
 
-    with _serving(Handler) as url:
+    with answering(Handler) as url:
         yield url
-
-
-@contextmanager
-def _serving(handler: type[BaseHTTPRequestHandler]) -> Iterator[str]:
-    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
-        thread = threading.Thread(target=server.serve_forever)
-        thread.start()
-        try:
-            yield f"http://127.0.0.1:{server.server_port}"
-        finally:
-            server.shutdown()
-            thread.join()
