@@ -39,7 +39,7 @@ def release_unused_memory() -> None:
 def importing() -> Iterator[None]:
     """Import modules without garbage collections, and exclude what they create from later ones.
 
-    Imports create hundreds of thousands of objects, and almost no garbage: looking for it took a sixth of a start.
+    Imports create hundreds of thousands of objects and almost no garbage: looking for it took up to a tenth of a start.
     """
     was_enabled = gc.isenabled()
     gc.disable()

@@ -220,7 +220,8 @@ async def _look_up_or_encode(
     with runtime.batchers[encoder.name].coming():
         views = await frame_all(runtime, photos)
         object_id = id_of(runtime, encoder, photos, views)
-        match = await runtime.store.find(object_id)
+        is_stored = await runtime.store.find_record(object_id) is not None
+        match = await runtime.store.find(object_id) if is_stored else None
     if match is not None:
         record, functions = match
         details = Details(ImageReport.of(views[0]), label, views[0].thumbnail)
