@@ -2,57 +2,70 @@
 
 #define LEVELS 256
 
-/* Return how often a pixel counts: once for each side that it lies within `edge` of. */
-static inline int times_in_ring(const Picture *picture, Py_ssize_t edge, Py_ssize_t y, Py_ssize_t x)
+/* What is known of the pixels of the ring. */
+typedef struct {
+    int64_t counts[BANDS][LEVELS], total, alike;
+    uint8_t border[BANDS]; /* median of each band, rounded down */
+    int tolerance;
+} Ring;
+
+/* Count the levels of `n` pixels. */
+static inline void count_levels(Ring *ring, const uint8_t *pixels, Py_ssize_t n)
 {
-    return (y < edge) + (y >= picture->height - edge) + (x < edge) + (x >= picture->width - edge);
+    ring->total += n;
+    for (Py_ssize_t i = 0; i < n; i++)
+        for (int band = 0; band < BANDS; band++)
+            ring->counts[band][pixels[PIXEL * i + band]]++;
 }
 
-/* Return the column after `x` that may lie in the ring, in row `y`. */
-static inline Py_ssize_t next_in_ring(const Picture *picture, Py_ssize_t edge, Py_ssize_t y, Py_ssize_t x)
+/* Count those of `n` pixels that differ from the border by the tolerance at most. */
+static inline void count_alike(Ring *ring, const uint8_t *pixels, Py_ssize_t n)
 {
-    const int is_inner_row = y >= edge && y < picture->height - edge;
-    const Py_ssize_t right = picture->width - edge;
-    return is_inner_row && x + 1 >= edge && x + 1 < right ? right : x + 1;
-}
-
-/* Return the largest difference of a band to the border's. */
-static inline uint8_t difference(const uint8_t *pixel, const uint8_t *border)
-{
-    uint8_t largest = 0;
-    for (int band = 0; band < BANDS; band++) {
-        const uint8_t a = pixel[band], b = border[band], distance = (uint8_t)(a > b ? a - b : b - a);
-        largest = distance > largest ? distance : largest;
+    for (Py_ssize_t i = 0; i < n; i++) {
+        int is_alike = 1;
+        for (int band = 0; band < BANDS; band++)
+            is_alike &= abs(pixels[PIXEL * i + band] - ring->border[band]) <= ring->tolerance;
+        ring->alike += is_alike;
     }
-    return largest;
 }
 
-/* Find the median of each band in the ring, rounded down, and the share of the ring within `tolerance` of it. */
-static double border_of(const Picture *picture, Py_ssize_t edge, int tolerance, uint8_t border[BANDS])
+/* Visit the pixels within `edge` of a side, those in the corners twice. */
+static inline void visit(Ring *ring, const Picture *picture, Py_ssize_t edge,
+                         void (*count)(Ring *, const uint8_t *, Py_ssize_t))
 {
-    int64_t counts[BANDS][LEVELS] = {{0}}, total = 0, alike = 0;
-    for (Py_ssize_t y = 0; y < picture->height; y++)
-        for (Py_ssize_t x = 0; x < picture->width; x = next_in_ring(picture, edge, y, x)) {
-            const int times = times_in_ring(picture, edge, y, x);
-            total += times;
-            for (int band = 0; band < BANDS; band++)
-                counts[band][picture->pixels[PIXEL * (y * picture->width + x) + band]] += times;
-        }
-    for (int band = 0; band < BANDS; band++) {
-        int64_t below = 0; /* the number is even: the median is the mean of two levels */
-        int level = 0, low;
-        while ((below += counts[band][level]) < total / 2)
-            level++;
-        low = level;
-        while (below <= total / 2)
-            below += counts[band][++level];
-        border[band] = (uint8_t)((low + level) / 2);
+    const Py_ssize_t row = PIXEL * picture->width, right = PIXEL * (picture->width - edge);
+    for (Py_ssize_t y = 0; y < picture->height; y++) {
+        const uint8_t *pixels = picture->pixels + y * row;
+        if (y < edge)
+            count(ring, pixels, picture->width);
+        if (y >= picture->height - edge)
+            count(ring, pixels, picture->width);
+        count(ring, pixels, edge);
+        count(ring, pixels + right, edge);
     }
-    for (Py_ssize_t y = 0; y < picture->height; y++)
-        for (Py_ssize_t x = 0; x < picture->width; x = next_in_ring(picture, edge, y, x))
-            if (difference(picture->pixels + PIXEL * (y * picture->width + x), border) <= tolerance)
-                alike += times_in_ring(picture, edge, y, x);
-    return (double)alike / (double)total;
+}
+
+/* Return the median of an even number of counted levels, rounded down: the mean of the two in the middle. */
+static uint8_t median(const int64_t counts[LEVELS], int64_t total)
+{
+    int64_t below = counts[0];
+    int level = 0;
+    while (below < total / 2)
+        below += counts[++level];
+    const int low = level;
+    while (below <= total / 2)
+        below += counts[++level];
+    return (uint8_t)((low + level) / 2);
+}
+
+/* Find the median of each band in the ring, and the share of its pixels within the tolerance of that. */
+static double border_of(Ring *ring, const Picture *picture, Py_ssize_t edge)
+{
+    visit(ring, picture, edge, count_levels);
+    for (int band = 0; band < BANDS; band++)
+        ring->border[band] = median(ring->counts[band], ring->total);
+    visit(ring, picture, edge, count_alike);
+    return (double)ring->alike / (double)ring->total;
 }
 
 /* Write the matte of `n` pixels: (difference - tolerance) * 255 / softness, rounded down, from 0 to 255. */

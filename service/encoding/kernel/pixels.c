@@ -53,25 +53,26 @@ static PyObject *border_matte(PyObject *module, PyObject *arguments)
     Buffers buffers = {.count = 0};
     Picture picture = {.height = -1, .width = -1};
     Py_ssize_t edge;
-    int tolerance, softness, is_uniform = 0;
+    Ring ring = {.total = 0};
+    int softness, is_uniform = 0;
     double share;
-    uint8_t *matte, border[BANDS];
+    uint8_t *matte;
 
     (void)module;
-    if (!PyArg_ParseTuple(arguments, "(OO)niidO:border_matte", &schema, &array, &edge, &tolerance, &softness,
+    if (!PyArg_ParseTuple(arguments, "(OO)niidO:border_matte", &schema, &array, &edge, &ring.tolerance, &softness,
                           &share, &matte_object))
         return NULL;
     if ((matte = TAKE(matte, "uint8", WRITE, &picture.height, &picture.width)) &&
         (picture.pixels = pixels_of(schema, array, picture.height * picture.width))) {
         if (edge < 1 || edge > picture.height || edge > picture.width)
             PyErr_Format(PyExc_ValueError, "edge is %zd; 1 to the shorter side is needed", edge);
-        else if (tolerance < 0 || softness < 2 || tolerance + softness >= LEVELS || LEVELS % softness)
-            PyErr_Format(PyExc_ValueError, "tolerance %d and softness %d make no ramp", tolerance, softness);
+        else if (ring.tolerance < 0 || softness < 2 || ring.tolerance + softness >= LEVELS || LEVELS % softness)
+            PyErr_Format(PyExc_ValueError, "tolerance %d and softness %d make no ramp", ring.tolerance, softness);
         else {
             Py_BEGIN_ALLOW_THREADS
-            is_uniform = border_of(&picture, edge, tolerance, border) >= share;
+            is_uniform = border_of(&ring, &picture, edge) >= share;
             if (is_uniform)
-                ramp(picture.pixels, picture.height * picture.width, border, tolerance, softness, matte);
+                ramp(picture.pixels, picture.height * picture.width, ring.border, ring.tolerance, softness, matte);
             Py_END_ALLOW_THREADS
         }
     }
