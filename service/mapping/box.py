@@ -17,7 +17,7 @@ import numpy.typing as npt
 from service.errors import CorruptWeights
 from service.mapping.canonical import canonical_points
 from service.mapping.color import ColorSampler
-from service.mapping.folding import CoarseWord
+from service.mapping.folding import coarse_word
 from service.mapping.frame import Frame
 from service.mapping.sampler import SCALES, Sampler
 from service.mapping.spec import Array, Domain, Functions, MappingSpec, word_of
@@ -73,7 +73,7 @@ def _word(spec: MappingSpec, word: Sequence[Array]) -> Callable[[Array], Array]:
     """Return the map of a word from canonical points to its values, (d, n) -> (3, n)."""
     sampler = Sampler(spec, word)  # checks the word
     if spec.is_one_relu_layer:
-        return CoarseWord(spec, word).map
+        return coarse_word(spec, word)
     return lambda x: sampler.map(x.T).T
 
 

@@ -241,25 +241,19 @@ class FoldedWord:
         return folded
 
 
-class CoarseWord:
-    """A word of functions with one hidden layer of ReLUs, cut coarsely, for some thousand points at any places.
+def coarse_word(spec: MappingSpec, word: Sequence[Array]) -> Callable[[Array], Array]:
+    """Return the map of a word, (3, n) float32 -> (3, n), cut coarsely: for some thousand points at any places.
 
-    All functions are cut over the canonical domain's box, so a function that the word repeats is cut once. Outside of
-    the box the networks are whole.
+    All functions are cut over the canonical domain's box, so one that the word repeats is cut once. Outside of the box
+    the networks are whole.
     """
+    high, kernel = np.full(3, 1 + MARGIN), compiled.load()
 
-    def __init__(self, spec: MappingSpec, word: Sequence[Array]) -> None:
-        high, kernel = np.full(3, 1 + MARGIN), compiled.load()
+    def cut(theta: Array) -> Engine:
+        fold = Fold(spec, theta, -high, high, COARSE)
+        return CompiledFold(fold, kernel) if kernel else NumpyFold(fold)
 
-        def cut(theta: Array) -> Engine:
-            fold = Fold(spec, theta, -high, high, COARSE)
-            return CompiledFold(fold, kernel) if kernel else NumpyFold(fold)
-
-        self._functions = pack_distinct(cut, word[::-1])
-
-    def map(self, x: Array) -> Array:
-        """Compute the word's values at points: (3, n) float32 -> (3, n)."""
-        return _through(self._functions, x)
+    return partial(_through, pack_distinct(cut, word[::-1]))
 
 
 def _through(functions: Sequence[Engine], x: Array) -> Array:
