@@ -21,9 +21,8 @@ from service.mapping.folding import CompiledNetwork, FoldedWord, aligned, pack_d
 from service.mapping.frame import Frame
 from service.mapping.spec import Array, MappingSpec, layers
 
-TILE: Final = 512  # points
-SHORT_TILE: Final = 256  # points, for layers as wide as `SHORT_FOR`: a small cloud takes half the time
-SHORT_FOR: Final = range(65, 513)  # hidden units; for fewer, more calls of NumPy cost more than they save
+TILES: Final = ((64, 512), (512, 256))  # hidden units up to which a tile has so many points; few points cost calls
+WIDE_TILE: Final = 128  # points, for wider layers: the values of more would leave the cache, at half the speed
 CHUNK: Final = 65_536  # points
 SCALES: Final = (1e-9, 1e9)  # smallest and largest
 
@@ -190,7 +189,7 @@ class _Tiles:
 
     def __init__(self, spec: MappingSpec, word: Sequence[Array]) -> None:
         self._spec = spec
-        self.align: Final = SHORT_TILE if max(spec.hidden) in SHORT_FOR else TILE
+        self.align: Final = next((tile for width, tile in TILES if max(spec.hidden) <= width), WIDE_TILE)
         self._functions = pack_distinct(partial(_pack, spec), word[::-1])
 
     def map(self, x: Array, _: int) -> Array:

@@ -16,33 +16,32 @@ from service.mapping.cloud import FIRST_PART, PART
 from service.mapping.spec import HOF_1, MappingSpec
 from service.storage.rows import Record
 
-WIDE: Final = 256  # units of a layer; the values of more do not stay in the L2 cache, for a tile of points
+WIDE: Final = 2_048  # units of a layer; the values of more do not stay in the L2 cache, for a tile of points
 HUGE: Final = 8_192  # units of a layer; the values of more stay in no cache
 CHEAP: Final = 16  # costs up to which a cloud may have as many points as the service allows at all
-FOLDED_WIDE: Final = 2_048  # units of a folded layer; NumPy's time for one grows faster from here on
 COMPILED_NS: Final = {  # to two digits, so that no charge in COSTS.md is far from the cost
     "point": 22.0,
     "folded layer": 4.1,
     "folded unit": 0.034,
     "wide folded unit": 0.0,
-    "layer": 0.28,
+    "layer": 0.2,
     "weight": 0.013,
-    "unit": 0.022,
-    "wide unit": 0.1,
-    "huge unit": 0.035,
+    "unit": 0.095,
+    "wide unit": 0.05,
+    "huge unit": 0.018,
     "tanh": 0.1,
 }
 NUMPY_NS: Final = {
-    "point": 76.0,
+    "point": 77.0,
     "folded layer": 23.0,
     "folded unit": 0.15,
-    "wide folded unit": 0.45,
+    "wide folded unit": 0.46,
     "layer": 4.2,
-    "weight": 0.013,
-    "unit": 0.35,
-    "wide unit": 0.86,
-    "huge unit": 1.8,
-    "tanh": 0.01,
+    "weight": 0.014,
+    "unit": 0.27,
+    "wide unit": 0.99,
+    "huge unit": 0.79,
+    "tanh": 0.14,
 }
 
 
@@ -58,7 +57,7 @@ def counts_of(spec: MappingSpec, colors: Iterable[MappingSpec] = ()) -> Counter[
         if function.is_one_relu_layer:
             counts["folded layer"] += times * len(function.shapes)
             counts["folded unit"] += times * sum(function.hidden)
-            counts["wide folded unit"] += times * sum(max(0, width - FOLDED_WIDE) for width in function.hidden)
+            counts["wide folded unit"] += times * sum(max(0, width - WIDE) for width in function.hidden)
             continue
         counts["layer"] += times * len(function.shapes)
         counts["weight"] += times * sum(n_out * n_in for n_out, n_in in function.shapes)
