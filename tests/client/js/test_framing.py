@@ -59,7 +59,6 @@ PHOTOS: dict[str, Callable[[], Image.Image]] = {
     **{
         path.stem: lambda path=path: decode(path.read_bytes())  # type: ignore[misc]
         for path in sorted((ROOT / "demo").glob("*.*g")) + sorted((ROOT / "service/viewer/static/photos").glob("*"))
-        if path.name != "demo.png"
     },
     "plain": lambda: _shape("RGB", (700, 500), (240, 238, 235), noise=3),
     "small": lambda: _shape("RGB", (61, 83), (255, 255, 255)),
