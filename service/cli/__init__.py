@@ -2,9 +2,9 @@
 
 import sys
 
-from service.server.memory import importing
-
 try:
+    from service.server.memory import importing
+
     with importing():
         from service.cli.main import main
 except KeyboardInterrupt:  # Ctrl-C while the command's modules are imported

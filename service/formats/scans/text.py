@@ -21,7 +21,7 @@ VERTEX: Final = re.compile(rb"^[ ]*vertex[ ]+(.*)$", re.MULTILINE)
 
 def kind_of(data: bytes) -> Literal["pcd", "xyz", "obj", "stl"] | None:
     """Return the format of a text by its first lines; None if it is none of these."""
-    zero = data.find(b"\0", 0, LOOK)  # in a photo among the first bytes: the rest is not looked at
+    zero = data.find(b"\0", 0, LOOK)  # a photo has one among its first bytes, so the search ends there
     if zero >= 0 and b"DATA binary" not in data[:zero].translate(SEPARATORS):
         return None
     head = data[:LOOK].translate(SEPARATORS)

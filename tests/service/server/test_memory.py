@@ -1,11 +1,15 @@
 """Memory of every serving process: one arena for all threads; collections skip startup objects."""
 
+import gc
 import time
+from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
 
 import httpx
 import pytest
 
+from service.server.memory import importing
 from tests.support import ROOT
 from tests.support.processes import hof_serve
 
@@ -74,3 +78,17 @@ def test_full_collection_after_startup_skips_startup_objects(
             kept = sum(count > 100_000 for count in counts)
             time.sleep(0.05)
     assert kept == serving
+
+
+@pytest.mark.parametrize("was_enabled", [True, False])
+@pytest.mark.parametrize("module", ["gc", "no_such_module"])
+def test_importing_stops_collections_and_restores_them_even_if_it_fails(module: str, was_enabled: bool) -> None:
+    (gc.enable if was_enabled else gc.disable)()
+    try:
+        with suppress(ModuleNotFoundError), importing():
+            is_enabled_meanwhile = gc.isenabled()
+            import_module(module)
+        assert not is_enabled_meanwhile
+        assert gc.isenabled() == was_enabled
+    finally:
+        gc.enable()
