@@ -1,7 +1,7 @@
 """Parameters and JSON bodies of the API's calls. Unknown parameters are errors.
 
-FastAPI takes 50 microseconds to read the parameters of `POST /encode`, and more for a call with more of them; pydantic
-takes 1. So calls that come often read their query with `read_query`, and list it in the schema with `parameters_of`.
+FastAPI reads a query field by field: for `POST /encode` that takes 50 microseconds even without parameters, and
+`read_query` takes 3. So calls that come often use it, and list their parameters in the schema with `parameters_of`.
 """
 
 from typing import Annotated, Any, Literal, TypeVar
