@@ -2,7 +2,7 @@
 
 #define LEVELS 256
 
-/* What is known of the pixels of the ring. */
+/* Counts and levels of the pixels in the ring: those near the sides of a picture. */
 typedef struct {
     int64_t counts[BANDS][LEVELS], total, alike;
     uint8_t border[BANDS]; /* median of each band, rounded down */

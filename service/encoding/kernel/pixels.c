@@ -66,7 +66,7 @@ static PyObject *border_matte(PyObject *module, PyObject *arguments)
         (picture.pixels = pixels_of(schema, array, picture.height * picture.width))) {
         if (edge < 1 || edge > picture.height || edge > picture.width)
             PyErr_Format(PyExc_ValueError, "edge is %zd; 1 to the shorter side is needed", edge);
-        else if (ring.tolerance < 0 || softness < 2 || ring.tolerance + softness >= LEVELS || LEVELS % softness)
+        else if (ring.tolerance < 0 || softness < 2 || ring.tolerance >= LEVELS - softness || LEVELS % softness)
             PyErr_Format(PyExc_ValueError, "tolerance %d and softness %d make no ramp", ring.tolerance, softness);
         else {
             Py_BEGIN_ALLOW_THREADS

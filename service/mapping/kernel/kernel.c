@@ -93,6 +93,27 @@ static Cell cell_of(const Fold *fold, int64_t index)
                   fold->affine + 12 * index};
 }
 
+/* Copy the points to `sorted`, cell by cell. `place` has the cell of each point, which becomes its place in `sorted`.
+ * `ends` is zero at first, and becomes the end of each cell's points. */
+static void sort_points(const float *x, int64_t n, int64_t cells, int32_t *place, int64_t *ends, float *sorted)
+{
+    int64_t begin = 0;
+    for (int64_t i = 0; i < n; i++)
+        ends[place[i]]++;
+    for (int64_t cell = 0; cell < cells; cell++) {
+        const int64_t count = ends[cell];
+        ends[cell] = begin;
+        begin += count;
+    }
+    for (int64_t i = 0; i < n; i++) {
+        const int64_t to = ends[place[i]]++;
+        place[i] = (int32_t)to;
+        sorted[to] = x[i];
+        sorted[n + to] = x[n + i];
+        sorted[2 * n + to] = x[2 * n + i];
+    }
+}
+
 /* Sort the points by their cells, compute cell by cell, and bring the values back; false without memory. */
 static int map_points(const Set *set, const Fold *fold, const float *x, int64_t n, float *y)
 {
@@ -103,26 +124,12 @@ static int map_points(const Set *set, const Fold *fold, const float *x, int64_t 
         return 1;
     }
     float *sorted = malloc((size_t)(3 * n + 1) * sizeof(float));
-    int32_t *place = malloc((size_t)(n + 1) * sizeof(int32_t)); /* cell of each point, then its place in `sorted` */
+    int32_t *place = malloc((size_t)(n + 1) * sizeof(int32_t));
     int64_t *ends = calloc((size_t)cells, sizeof(int64_t)), begin = 0;
     const int enough = sorted && place && ends;
     if (enough) {
         set->find_cells(fold, x, n, place);
-        for (int64_t i = 0; i < n; i++)
-            ends[place[i]]++;
-        for (int64_t cell = 0; cell < cells; cell++) {
-            const int64_t count = ends[cell];
-            ends[cell] = begin;
-            begin += count;
-        }
-        for (int64_t i = 0; i < n; i++) {
-            const int64_t to = ends[place[i]]++;
-            place[i] = (int32_t)to;
-            sorted[to] = x[i];
-            sorted[n + to] = x[n + i];
-            sorted[2 * n + to] = x[2 * n + i];
-        }
-        begin = 0;
+        sort_points(x, n, cells, place, ends, sorted);
         for (int64_t index = 0; index < cells; begin = ends[index++]) {
             const Cell cell = cell_of(fold, index);
             float *const points[3] = {sorted + begin, sorted + n + begin, sorted + 2 * n + begin};
@@ -200,11 +207,13 @@ static PyObject *map(PyObject *module, PyObject *arguments)
 static Py_ssize_t size_of(const int64_t *widths, Py_ssize_t count)
 {
     Py_ssize_t size = 0;
+    int are_right = count >= 2;
     for (Py_ssize_t i = 0; i < count; i++)
-        if (count < 2 || widths[i] < 1 || widths[i] > WIDEST) {
-            PyErr_Format(PyExc_ValueError, "widths are not two or more of 1 to %d", WIDEST);
-            return -1;
-        }
+        are_right &= widths[i] >= 1 && widths[i] <= WIDEST;
+    if (!are_right) {
+        PyErr_Format(PyExc_ValueError, "widths are not two or more of 1 to %d", WIDEST);
+        return -1;
+    }
     for (Py_ssize_t i = 1; i < count && size <= INT32_MAX; i++)
         size += (widths[i - 1] + 1) * widths[i];
     if (size <= INT32_MAX)

@@ -34,6 +34,15 @@ TARGET INLINE Vector NAME(activate)(Vector u, const Activation activation)
     return u;
 }
 
+/* Return an axis of a cell's affine map. That of tanh is constant: zero times infinity would be NaN. */
+TARGET INLINE Vector NAME(affine)(const float t[4], Vector x, Vector y, Vector z, const Activation activation)
+{
+    const Vector constant = (Vector){0} + t[3];
+    if (activation == TANH)
+        return constant;
+    return t[0] * x + (t[1] * y + (t[2] * z + constant));
+}
+
 /* Compute one tile of `vectors` vectors, of which `count` points are read and written. */
 TARGET INLINE void NAME(fold_tile)(const int vectors, const Activation activation, const Cell *cell,
                                    const float *const in[3], float *const out[3], int64_t at, int64_t count)
@@ -67,12 +76,8 @@ TARGET INLINE void NAME(fold_tile)(const int vectors, const Activation activatio
     for (int axis = 0; axis < 3; axis++) {
         const float *t = cell->affine + 4 * axis;
         float *to = whole ? out[axis] + at : spare[axis];
-        for (int v = 0; v < vectors; v++) {
-            Vector affine = (Vector){0} + t[3];
-            if (activation != TANH) /* else the map is constant, and zero times infinity would be NaN */
-                affine = t[0] * x[0][v] + (t[1] * x[1][v] + (t[2] * x[2][v] + affine));
-            *(Vector *)(to + v * LANES) = total[axis][v] + affine;
-        }
+        for (int v = 0; v < vectors; v++)
+            *(Vector *)(to + v * LANES) = total[axis][v] + NAME(affine)(t, x[0][v], x[1][v], x[2][v], activation);
         if (!whole)
             memcpy(out[axis] + at, spare[axis], (size_t)count * sizeof(float));
     }

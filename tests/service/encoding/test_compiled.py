@@ -90,6 +90,21 @@ def test_square_has_the_bits_of_pillow(size: int) -> None:
 
 
 @needs_pixels
+@pytest.mark.parametrize("size", [1, 4])
+@pytest.mark.parametrize("less", [0, 1, 130])
+def test_square_of_as_many_pixels_as_16_bits_can_sum_has_the_bits_of_pillow(size: int, less: int) -> None:
+    side = compiled.MOST_SUMMED * size - less
+    levels = np.full((side, side, 4), 255, np.uint8)
+    levels[::50, ::3] = _noise(4, side, side, 4)[::50, ::3]
+    image, alpha = Image.fromarray(levels).convert("RGB"), np.ascontiguousarray(levels[:, :, 3])
+    rgba, picture = np.full((size, size, 4), 99, np.uint8), compiled.picture_of(image)
+    assert picture is not None
+    _built().square(picture, alpha, 0, 0, side, rgba)
+    image.putalpha(Image.fromarray(alpha))
+    np.testing.assert_array_equal(rgba, np.asarray(image.resize((size, size), Image.Resampling.BOX)))
+
+
+@needs_pixels
 @pytest.mark.parametrize("kind", ["border", "alpha", "large", "faint"])
 @pytest.mark.parametrize("side", [64, 20])
 def test_preprocess_gives_the_same_without_the_compiled_loops(
@@ -132,6 +147,7 @@ MATTE = np.zeros((20, 30), np.uint8)
         ("border_matte", (_picture(30, 20), 0, 12, 16, 0.8, MATTE), "edge is 0"),
         ("border_matte", (_picture(30, 20), 21, 12, 16, 0.8, MATTE), "edge is 21"),
         ("border_matte", (_picture(30, 20), 1, 250, 16, 0.8, MATTE), "tolerance 250 and softness 16 make no ramp"),
+        ("border_matte", (_picture(30, 20), 1, 2**31 - 1, 16, 0.8, MATTE), "tolerance 2147483647 and softness 16 make"),
         ("border_matte", (_picture(30, 20), 1, 12, 15, 0.8, MATTE), "tolerance 12 and softness 15 make no ramp"),
         ("border_matte", (_picture(30, 20), 1, 12, 16, 0.8, MATTE[0]), "matte has 1 dimensions"),
         ("summary", (MATTE, 8, np.zeros(20), np.zeros(30, np.int32)), "rows has 1 dimensions of format 'd'"),

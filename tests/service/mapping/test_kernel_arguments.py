@@ -73,7 +73,7 @@ def network_arguments(
 ) -> tuple[Any, ...]:
     """Return arguments of `network` for a theta of `size` numbers and room for `n` values of two points."""
     x, y = np.zeros((3, 2), np.float32), np.zeros((3, n), np.float32)
-    return x, np.zeros(size, dtype), np.array(widths), False, y
+    return x, np.zeros(size, dtype), np.array(widths, np.int64), False, y
 
 
 @pytest.mark.parametrize(
@@ -91,6 +91,7 @@ def network_arguments(
         ("network", network_arguments(widths=(3, 65_537, 3)), "widths are not two or more of 1 to 65536"),
         ("network", network_arguments(widths=(3, 65_536, 65_536, 3)), "make a network of more than 2147483647 numbers"),
         ("network", network_arguments(widths=(3,)), "widths are not two or more of 1 to 65536"),
+        ("network", network_arguments(widths=()), "widths are not two or more of 1 to 65536"),
         ("pack", ((2, 3), (3, 7), 3, (5, 7)), "packed has 5 rows; 6 are needed"),
         ("pack", ((2, 3), (3, 7), 3, (7, 7)), "packed has 7 rows; 6 are needed"),
         ("pack", ((2, 3), (4, 7), 3, (6, 7)), "units has length 4"),
