@@ -41,7 +41,7 @@ def pytest_configure() -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Mark each test with its tier, unless it has a mark of one. Spread the files in the workers of `make test`."""
+    """Mark each test with its tier, unless it has such a mark. In the workers of `make test`, order the files."""
     for item in items:
         if isinstance(item, pytest.Function) and not any(item.get_closest_marker(tier) for tier in (*TIERS, "unit")):
             item.add_marker(_tier(item))
@@ -50,10 +50,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def _spread(items: list[pytest.Item]) -> list[pytest.Item]:
-    """Return the tests with those files first that drive a browser or are slow, and the short ones last.
+    """Return the tests in a new order: files that drive a browser or are slow first, short files last.
 
-    A long file at the end keeps one worker busy and the others waiting. Between two of the long files stands one of
-    those that call a server: it waits while the long ones compute.
+    A long file at the end would keep one worker busy while the others wait. Files that call a server alternate with
+    the long ones: they mostly wait, while the long ones compute.
     """
     long: list[list[pytest.Item]] = []
     middle: list[list[pytest.Item]] = []

@@ -11,6 +11,7 @@ from typing import Final, Literal
 
 from service.api.middleware.access import keys_of
 from service.api.routes.viewer import BUNDLE, NOT_BUILT
+from service.encoding import compiled as pixels
 from service.encoding.matting import Matting
 from service.encoding.registry import Models
 from service.errors import HofError
@@ -131,6 +132,8 @@ def _kernel(settings: Settings) -> tuple[State, str]:
     kernel = compiled.load()
     if kernel is None:
         return "warn", compiled.NOT_BUILT
+    if pixels.load() is None:
+        return "warn", pixels.NOT_BUILT
     return "ok", f"compiled, with {next(iter(kernel.SETS))}"
 
 

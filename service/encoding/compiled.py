@@ -16,6 +16,10 @@ Counts = npt.NDArray[np.int32]
 Picture = tuple[object, object]  # Arrow capsules of an image with four bytes a pixel
 
 NAME: Final = "service.encoding._pixels"
+NOT_BUILT: Final = (
+    "no compiled loops over pixels of this version, so NumPy and Pillow find the objects in photos, more slowly: "
+    "install a C compiler with Python's headers, then this package anew"
+)
 MOST_SUMMED: Final = 257  # pixels in a row, that one pixel of a reduced square is the mean of
 VERSION: Final = 1  # of the source, as in pixels.c: raise both with each change of what it computes
 

@@ -1,6 +1,6 @@
 """The cost of a cloud: what a request is charged for, and the limits it has to keep.
 
-The cost of a point is its time in times of a point of the default model. The time is modeled by counts of layers,
+The cost of a point is its time, relative to a point of the default model. The time is modeled by counts of layers,
 weights and hidden units. The compiled kernel and NumPy have prices of their own: for NumPy, a layer is a few calls for
 each tile of points. `python -m benchmarks.speed.costs` measures the time of many shapes, and fits the prices.
 """

@@ -11,6 +11,7 @@ from uvicorn.config import STARTUP_FAILURE
 
 from service.api.middleware.access import keys_of
 from service.api.routes.viewer import BUNDLE, NOT_BUILT
+from service.encoding import compiled as pixels
 from service.mapping import compiled
 from service.runtime.networks import Networks
 from service.server.memory import release_unused_memory, share_one_arena
@@ -68,3 +69,5 @@ def _missing_parts(settings: Settings) -> Iterator[str]:
         yield f"/ and /docs are missing: {NOT_BUILT}"
     if compiled.load() is None:
         yield compiled.NOT_BUILT
+    elif pixels.load() is None:
+        yield pixels.NOT_BUILT

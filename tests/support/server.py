@@ -1,4 +1,4 @@
-"""The service, or any handler of HTTP, in a thread of the tests, and the type of what opens clients of the service."""
+"""Run the service, or any handler of HTTP requests, in a thread of the tests; the type of what opens clients."""
 
 import asyncio
 import contextlib
@@ -19,7 +19,7 @@ from service.settings import Settings
 
 
 class Server(uvicorn.Server):
-    """A server that tells its port, and that ends at once: uvicorn's looks every 0.1 s whether it should."""
+    """A server that tells its port, and that ends at once: uvicorn's checks only every 0.1 s whether to end."""
 
     async def main_loop(self) -> None:
         """Serve until `should_exit`."""

@@ -2,6 +2,7 @@
 
 import asyncio
 import os
+import shutil
 import socket
 import sqlite3
 import subprocess
@@ -10,7 +11,9 @@ from pathlib import Path
 
 import pytest
 
+from service.encoding.compiled import NOT_BUILT
 from service.storage import database
+from tests.service.mapping.engines import built_kernel, needs_kernel
 from tests.support import ROOT
 from tests.support.processes import HOF, USER_WITHOUT_HOME
 from tests.support.systems.postgres import Postgres
@@ -61,6 +64,15 @@ def test_doctor_of_a_complete_installation_is_ok(model_path: Path, tmp_path: Pat
     assert status == 0
     assert {state for subject, (state, _) in findings.items() if subject != "disk"} == {"ok"}
     assert "tiny-k2" in findings["model"][1]
+
+
+@needs_kernel
+def test_doctor_without_the_compiled_loops_over_pixels_warns(model_path: Path, tmp_path: Path) -> None:
+    built_kernel()
+    ignored = shutil.ignore_patterns("_pixels*", "bundle", "node_modules", "__pycache__")
+    shutil.copytree(ROOT / "service", tmp_path / "tree" / "service", ignore=ignored)
+    status, findings = _doctor(tmp_path, model_path, PYTHONPATH=str(tmp_path / "tree"))
+    assert (status, findings["kernel"]) == (0, ("warn", NOT_BUILT))
 
 
 def test_doctor_of_a_broken_installation_names_each_fault(tmp_path: Path) -> None:
