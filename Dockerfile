@@ -18,7 +18,7 @@ RUN apt-get update \
     && apt-get install --yes --no-install-recommends "gcc=4:12.2.*" "libc6-dev=2.36-*" \
     && rm -rf /var/lib/apt/lists/*
 
-# What the service requires, at the versions that were tested; their hashes are checked.
+# The service's requirements, at the versions that were tested; their hashes are checked.
 COPY requirements/service.txt requirements/service.txt
 RUN python -m venv /opt/hof \
     && /opt/hof/bin/pip install --no-cache-dir --no-deps --require-hashes -r requirements/service.txt
