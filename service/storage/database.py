@@ -92,8 +92,8 @@ def parse(url: str) -> Address:
 
     Raises
     ------
-    UnusableStore : it is no such URL, or its file is in the home folder of a user without one. The message never
-        shows a password.
+    UnusableStore : it is no such URL, its database is in memory, or its file is in the home folder of a user without
+        one. The message never shows a password.
     """
     text = url.strip()
     scheme = text.partition("://")[0].partition("+")[0].lower()
@@ -107,7 +107,13 @@ def parse(url: str) -> Address:
             pass
         else:
             name = parsed.database or ""
-            is_path = name not in ("", ":memory:") and not name.startswith("file:")
+            is_memory = name in ("", ":memory:", "file::memory:") or parsed.query.get("mode") == "memory"
+            if is_memory:
+                raise UnusableStore(
+                    f"{parsed.render_as_string()} is a database in memory, which each connection would have to itself; "
+                    "name a file: sqlite:///PATH"
+                )
+            is_path = not name.startswith("file:")
             return Address(parsed, parsed.render_as_string(), expand(name) if is_path else None)
     raise UnusableStore("invalid database URL; expected sqlite:///PATH or postgresql://USER:PASSWORD@HOST/NAME")
 

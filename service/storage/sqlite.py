@@ -41,7 +41,7 @@ class SqliteDatabase:
         self._threads = ThreadPoolExecutor(SQLITE_CONNECTIONS, thread_name_prefix="sqlite")
         self._free = asyncio.Semaphore(SQLITE_CONNECTIONS)
         self._connections: dict[int, Connection] = {}  # by thread: a pool would cost as much as reading a row
-        self._reader: Connection | None = None  # of the event loop; None for a database in memory
+        self._reader: Connection | None = None  # of the event loop; opened by `watch_files`
         self._files: dict[Path, Identity | None] = {}
 
     async def run(self, work: Work[R], *, timeout_s: float | None = None) -> R:
@@ -167,10 +167,9 @@ def open_sqlite(url: URL, *, unchanged: bool = False) -> SqliteDatabase:
     if url.database and not url.database.startswith("file:"):  # the user creates a URI's file
         path = expand(url.database)
         path.parent.mkdir(parents=True, exist_ok=True)
-        if url.database != ":memory:":
-            with contextlib.suppress(OSError):  # SQLite says it with a remedy
-                os.close(os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, OWNER_ONLY))
-            url = url.set(database=str(path))
+        with contextlib.suppress(OSError):  # SQLite says it with a remedy
+            os.close(os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, OWNER_ONLY))
+        url = url.set(database=str(path))
     engine = create_engine(url, pool_size=SQLITE_CONNECTIONS + 1, max_overflow=0)  # one more: the event loop's
     event.listen(engine, "connect", _configure_unchanged if unchanged else _configure)
     return SqliteDatabase(engine)
