@@ -28,7 +28,7 @@ class Figures:
     live_s, repeat_s, new_s : processor time of the server for `GET /health/live`, a repeated photo and a new photo,
         (rounds,).
     encode_s : processor time of the encoder alone for an image, in calls of `CLIENTS` images, (rounds,).
-    ready_s : from the start of the process until it is ready, to a tenth of a second.
+    ready_s : from the start of the process until it is ready, to a tenth of a second, (rounds,).
     idle_bytes : resident memory then.
     """
 
@@ -36,12 +36,14 @@ class Figures:
     repeat_s: Seconds
     new_s: Seconds
     encode_s: Seconds
-    ready_s: float
+    ready_s: Seconds
     idle_bytes: int
 
 
 def measure(core: int, rounds: int) -> Figures:
-    """Start `hof serve` with one worker thread on `core` and measure it; this process moves to another core."""
+    """Start `hof serve` with one worker thread on `core` and measure it from another core."""
+    os.sched_setaffinity(0, others(core))
+    ready_s = np.array([_ready_s(core) for _ in range(rounds)])
     encoder, pictures = Encoder.open(SHIPPED_MODEL, threads=1), photos()
     images = np.repeat(encoder.blank(), CLIENTS, axis=0)
     repeated = next(pictures)
@@ -50,9 +52,8 @@ def measure(core: int, rounds: int) -> Figures:
         for _ in range(CALLS // CLIENTS):
             encoder.encode(images)
 
-    start = time.perf_counter()
     with serving(hof(threads=1), {core}) as (url, pid), ThreadPoolExecutor(CLIENTS) as pool:
-        ready_s, idle = time.perf_counter() - start, status_bytes(pid, "VmRSS")
+        idle = status_bytes(pid, "VmRSS")
         client = httpx.Client(base_url=url, timeout=60)
         calls: dict[str, Callable[[], object]] = {
             "live": lambda: [client.get("/health/live") for _ in range(CALLS)],
@@ -69,6 +70,12 @@ def measure(core: int, rounds: int) -> Figures:
             table.append(row)
         live, repeat, new, encode = np.array(table).T
         return Figures(live, repeat, new, encode, ready_s, idle)
+
+
+def _ready_s(core: int) -> float:
+    start = time.perf_counter()
+    with serving(hof(threads=1), {core}):
+        return time.perf_counter() - start
 
 
 def _processor_s(clock: Callable[[], float], run: Callable[[], object]) -> float:

@@ -31,6 +31,7 @@ QUOTES: Final = (
     Quote("docs/capacity.md", "Points", "RESULTS.md", "HOF-1, k = 2: Mpoints/s, one core"),
     Quote("docs/performance.md", "Points", "RESULTS.md", "HOF-1, k = 1: Mpoints/s, one core"),
     Quote("docs/performance.md", "Against other decoders, and over HTTP", "RESULTS.md", None),
+    Quote("docs/performance.md", "HOF-3 and tanh beside other methods", "RESULTS.md", None),
     Quote("docs/performance.md", "The web page", "PAGE.md", None),
     Quote("docs/performance.md", "Under overload", "LOAD.md", None),
 )
