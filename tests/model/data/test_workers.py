@@ -56,6 +56,7 @@ def test_run_isolated_with_pools_that_break_before_a_job_ends_runs_the_rest_in_o
     assert [list(jobs) for jobs in pools] == [[1, 4, 0], [4, 0], [0]]
 
 
+@pytest.mark.slow
 def test_run_isolated_with_processes_that_die_as_they_start_fails_every_job(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
