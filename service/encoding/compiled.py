@@ -4,12 +4,13 @@ setup.py builds them where it finds a C compiler. Elsewhere NumPy and Pillow com
 """
 
 import functools
-import importlib
 from typing import Final, Protocol, cast
 
 import numpy as np
 import numpy.typing as npt
 from PIL import Image
+
+from service.mapping.compiled import extension
 
 Bytes = npt.NDArray[np.uint8]
 Counts = npt.NDArray[np.int32]
@@ -55,12 +56,8 @@ class Pixels(Protocol):
 
 @functools.cache
 def load() -> Pixels | None:
-    """Return the compiled functions, or None if they were not built, or from an older version of their source."""
-    try:
-        pixels = importlib.import_module(NAME)
-    except ImportError:
-        return None
-    return cast(Pixels, pixels) if getattr(pixels, "VERSION", 0) == VERSION else None
+    """Return the compiled functions, or None if there are none of this version."""
+    return cast(Pixels | None, extension(NAME, VERSION))
 
 
 def picture_of(image: Image.Image) -> Picture | None:

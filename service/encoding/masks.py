@@ -58,7 +58,8 @@ def _matte_within(image: Image.Image, alpha: Matte, matting: MattingFunction | N
 
 def _border_matte(image: Image.Image) -> Matte | None:
     """Return the matte of the pixels of an RGB image that differ from a uniform border; None if it is not uniform."""
-    pixels, picture = compiled.load(), compiled.picture_of(image)
+    pixels = compiled.load()
+    picture = compiled.picture_of(image) if pixels else None
     if pixels is None or picture is None:
         return _numpy_border_matte(image)
     matte = np.empty((image.height, image.width), np.uint8)

@@ -7,6 +7,7 @@ finds a C compiler. Elsewhere NumPy computes the points.
 
 import functools
 import importlib
+from types import ModuleType
 from typing import Final, Protocol, cast
 
 import numpy as np
@@ -85,11 +86,16 @@ class Kernel(Protocol):
         """
 
 
-@functools.cache
-def load() -> Kernel | None:
-    """Return the compiled kernel, or None if it was not built, or from an older version of its source."""
+def extension(name: str, version: int) -> ModuleType | None:
+    """Return a compiled module, or None if it was not built, or from another version of its source."""
     try:
-        kernel = importlib.import_module(NAME)
+        module = importlib.import_module(name)
     except ImportError:
         return None
-    return cast(Kernel, kernel) if getattr(kernel, "VERSION", 0) == VERSION else None
+    return module if getattr(module, "VERSION", 0) == version else None
+
+
+@functools.cache
+def load() -> Kernel | None:
+    """Return the compiled kernel, or None if there is none of this version."""
+    return cast(Kernel | None, extension(NAME, VERSION))
