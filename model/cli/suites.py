@@ -52,10 +52,10 @@ def _suite(arguments: argparse.Namespace) -> None:
     common = config_from(arguments, COMPARED_RUN)
     runs = train_suite(name, SUITES[name], common, arguments.seeds, arguments.data, arguments.runs, options)
     if runs is None:
-        print(f"{arguments.runs / name}: not finished, the same command goes on")
+        print(f"{name}: not finished, the same command goes on")
         return
     if arguments.train_only:
-        print(arguments.runs / name)
+        print(*runs.values(), sep="\n")
         return
     from model.evaluation.paper.trained import measure_suite
     from model.report.paper.page import record_path, write

@@ -1,5 +1,7 @@
 """Train the variants of a suite. Needs torch, NumPy and Pillow alone, so that a machine with a GPU can run it."""
 
+import hashlib
+import json
 import sys
 import time
 from collections.abc import Sequence
@@ -19,10 +21,14 @@ def configs(suite: Suite, common: TrainConfig, seed: int) -> dict[str, TrainConf
     return {name: replace(change(common), seed=seed) for name, change in suite.variants.items()}
 
 
-def run_folder(runs: Path, experiment: str, variant: str, seed: int) -> Path:
-    """Return the folder of a variant's run."""
-    plain = "".join(letter if letter.isalnum() else "-" for letter in variant.lower()).replace("--", "-")
-    return runs / experiment / f"{plain}-{seed}"
+def run_folder(runs: Path, config: TrainConfig) -> Path:
+    """Return the folder of a config's run, named by its difference from the defaults.
+
+    Variants of several experiments that are the same network share it: they are trained once.
+    """
+    defaults = TrainConfig().to_dict()
+    changes = {name: value for name, value in config.to_dict().items() if value != defaults[name]}
+    return runs / hashlib.sha256(json.dumps(changes, sort_keys=True).encode()).hexdigest()[:12]
 
 
 def train_suite(
@@ -41,15 +47,15 @@ def train_suite(
     Raises
     ------
     FileNotFoundError : no data set.
-    ValueError : a run was begun with another config, or there is no such device.
+    ValueError : there is no such device.
     """
     options = options or DeviceOptions()
     end = time.monotonic() + 60 * options.stop_after if options.stop_after else float("inf")
     folders = {}
     for seed in seeds:
         for name, config in configs(suite, common, seed).items():
-            folder = folders[name, seed] = run_folder(runs, experiment, name, seed)
-            if is_finished(folder, config):
+            folder = folders[name, seed] = run_folder(runs, config)
+            if is_finished(folder):
                 continue
             left = (end - time.monotonic()) / 60
             if left <= 0:
@@ -57,7 +63,7 @@ def train_suite(
             print(f"{experiment}, {name}, seed {seed}: {folder}", file=sys.stderr)
             if uses_device_loop(options):
                 train_on_device(data, folder, config, replace(options, stop_after=left if options.stop_after else None))
-                if not is_finished(folder, config):
+                if not is_finished(folder):
                     return None
             else:
                 from model.training.train import train  # needs more than a machine with a GPU may have
@@ -66,17 +72,9 @@ def train_suite(
     return folders
 
 
-def is_finished(folder: Path, config: TrainConfig) -> bool:
-    """Return whether a run has spent its budget.
-
-    Raises
-    ------
-    ValueError : the run was begun with another config.
-    """
+def is_finished(folder: Path) -> bool:
+    """Return whether a run has spent its budget."""
     if not has_checkpoint(folder / "last.pt"):
         return False
     saved = load_checkpoint(folder / "last.pt")
-    stored = TrainConfig.from_dict(saved["config"])
-    if stored != config:
-        raise ValueError(f"{folder} holds a run with other options: remove it, or choose another --runs")
-    return share_spent(stored, saved["step"], saved["elapsed_s"]) >= 1
+    return share_spent(TrainConfig.from_dict(saved["config"]), saved["step"], saved["elapsed_s"]) >= 1

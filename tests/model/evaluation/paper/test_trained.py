@@ -54,6 +54,19 @@ def test_variants_of_a_suite_are_different_networks_of_one_setting(name: str) ->
     assert suite.paper.keys() <= variants.keys()
 
 
+def test_run_folder_of_the_same_network_in_several_suites_is_one() -> None:
+    same = {
+        "table1": "HOF-3",
+        "architecture": "base, HOF-3",
+        "domains": "ball",
+        "projection": "none",
+        "parts": "all of theta",
+    }
+    assert len({run_folder(Path(), configs(SUITES[name], SMALL, 0)[variant]) for name, variant in same.items()}) == 1
+    folders = [run_folder(Path(), config) for suite in SUITES.values() for config in configs(suite, SMALL, 0).values()]
+    assert len(set(folders)) == len(folders) - 5  # these, and the frame's: SMALL has no made pieces
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["architecture", "domains", "projection", "parts"])
 def test_every_variant_of_a_suite_makes_a_network(name: str) -> None:
@@ -112,7 +125,7 @@ def test_training_alone_needs_torch_numpy_and_pillow_alone(data: Path, tmp_path:
     code = f"{hide}; from model.cli import main; sys.exit(main(sys.argv[1:]))"
     done = subprocess.run([sys.executable, "-c", code, *command], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert len(list((tmp_path / "runs" / "parts").glob("*/last.pt"))) == 4
+    assert len(list((tmp_path / "runs").glob("*/last.pt"))) == 4
 
 
 @pytest.mark.slow
@@ -134,12 +147,12 @@ def test_suite_from_shards_stops_in_time_and_goes_on(data: Path, tmp_path: Path)
     short = replace(options, stop_after=1e-4)
     assert train_suite("projection", suite, common, [0], Path("none"), runs, short) is None
     first = next(iter(configs(suite, common, 0).values()))
-    assert not is_finished(run_folder(runs, "projection", "none", 0), first)
+    assert not is_finished(run_folder(runs, first))
     folders = train_suite("projection", suite, common, [0], Path("none"), runs, options)
     assert folders is not None
     assert list(folders) == [("none", 0), ("travel", 0), ("nearest", 0)]
-    with pytest.raises(ValueError, match="with other options"):
-        train_suite("projection", suite, replace(common, batch=2), [0], Path("none"), runs, options)
+    assert is_finished(run_folder(runs, first))
+    assert not is_finished(run_folder(runs, replace(first, batch=2)))  # other options, another run
 
 
 def _record(**columns: list[float]) -> PaperRecord:
