@@ -1,7 +1,5 @@
 """The compiled loops over pixels against NumPy and Pillow, to the last bit."""
 
-import sys
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -13,6 +11,7 @@ from service.encoding.compiled import Pixels
 from service.encoding.framing import Framing, over_white, preprocess
 from service.encoding.masks import matte_of
 from tests.support.photos import disc, image_file
+from tests.support.systems.modules import replace_module
 
 # Building takes a C compiler: where there was none, these tests are of the tier that needs programs.
 needs_pixels = pytest.mark.unit if compiled.load() else pytest.mark.system
@@ -206,8 +205,5 @@ def test_wrong_arguments_raise_value_error(function: str, arguments: tuple[Any, 
 
 @pytest.mark.parametrize("version", [None, compiled.VERSION - 1, compiled.VERSION + 1])
 def test_load_of_another_version_gives_none(version: int | None, monkeypatch: pytest.MonkeyPatch) -> None:
-    pixels = ModuleType(compiled.NAME)
-    if version is not None:
-        pixels.__dict__["VERSION"] = version
-    monkeypatch.setitem(sys.modules, compiled.NAME, pixels)
+    replace_module(monkeypatch, compiled.NAME, version)
     assert compiled.load.__wrapped__() is None

@@ -1,8 +1,6 @@
 """Arguments that the compiled kernel refuses, and versions of it that are not used."""
 
-import sys
 from collections.abc import Iterator
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -11,6 +9,7 @@ import pytest
 from service.mapping import compiled
 from service.mapping.spec import Array
 from tests.service.mapping.engines import built_kernel, needs_kernel
+from tests.support.systems.modules import replace_module
 
 pytestmark = needs_kernel
 
@@ -140,16 +139,11 @@ def fresh() -> Iterator[None]:
 @pytest.mark.usefixtures("fresh")
 @pytest.mark.parametrize("version", [None, compiled.VERSION - 1, compiled.VERSION + 1])
 def test_load_of_a_kernel_of_another_version_gives_none(version: int | None, monkeypatch: pytest.MonkeyPatch) -> None:
-    kernel = ModuleType(compiled.NAME)
-    if version is not None:
-        kernel.__dict__["VERSION"] = version
-    monkeypatch.setitem(sys.modules, compiled.NAME, kernel)
+    replace_module(monkeypatch, compiled.NAME, version)
     assert compiled.load() is None
 
 
 @pytest.mark.usefixtures("fresh")
 def test_load_of_a_kernel_of_this_version_gives_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    kernel = ModuleType(compiled.NAME)
-    kernel.__dict__["VERSION"] = compiled.VERSION
-    monkeypatch.setitem(sys.modules, compiled.NAME, kernel)
+    kernel = replace_module(monkeypatch, compiled.NAME, compiled.VERSION)
     assert compiled.load() is kernel
