@@ -63,7 +63,7 @@ def browser() -> Iterator[Browser]:
 
 
 def launched(playwright: Playwright, program: str = "chromium-headless-shell") -> Browser:
-    """Start Chromium without a window. The shell is the same engine as `chromium`, and takes half the time for a page."""
+    """Start Chromium without a window. Its headless shell has the engine of `chromium`, and takes less time."""
     chromium = shutil.which(program)
     assert chromium, f"the page is tested in Debian's {program}: tests/support/system.sh installs it"
     return playwright.chromium.launch(executable_path=chromium, args=WEBGL)

@@ -4,8 +4,6 @@ import functools
 import http.server
 import io
 import re
-import shutil
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -20,6 +18,7 @@ from tests.support import ROOT
 from tests.support.browsing import PICTURES, TIMEOUT_MS, TRIANGLES, photo
 from tests.support.gltf import check_valid
 from tests.support.server import answering
+from tests.support.systems.javascript import build_package, run_in_package
 
 LOCAL = ROOT / "service" / "viewer" / "local"
 LIKE = 12  # of 255: mean difference of two pictures' objects; their triangles differ
@@ -36,11 +35,8 @@ TOLERANCE = 1e-3  # longest sides: of points whose photo was decoded and encoded
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Write the static page, as `make static` does."""
     folder = tmp_path_factory.mktemp("static") / "page"
-    node, npm = shutil.which("node"), shutil.which("npm")
-    assert node, "Node is not installed: tests/support/system.sh installs it"
-    assert npm, "npm is not installed: tests/support/system.sh installs it"
-    subprocess.run([npm, "run", "--silent", "--prefix", ROOT / "client" / "js", "build"], check=True)
-    subprocess.run([node, LOCAL / "build.mjs", folder], check=True)
+    build_package()
+    run_in_package("node", str(LOCAL / "build.mjs"), str(folder))
     return folder
 
 
