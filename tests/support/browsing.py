@@ -109,8 +109,7 @@ def opened(page: Page, address: str) -> Page:
 
     It is switched to points before it fetches the surface, which would take most of the time.
     """
-    page.set_default_timeout(TIMEOUT_MS)
-    expect.set_options(timeout=TIMEOUT_MS)
+    wait_long(page)
     page.emulate_media(reduced_motion="reduce")  # no turntable
     page.add_init_script(POINTS_FIRST)
     page.goto(f"{address}/")
@@ -119,12 +118,21 @@ def opened(page: Page, address: str) -> Page:
     return page
 
 
-def hold(page: Page, pattern: str) -> list[Route]:
-    """Hold the requests for a pattern back, until `release`."""
+def wait_long(page: Page) -> None:
+    """Let all that waits for this page, and all that expects, do so for TIMEOUT_MS: the machine may be busy."""
+    page.set_default_timeout(TIMEOUT_MS)
+    expect.set_options(timeout=TIMEOUT_MS)
+
+
+def hold(page: Page, pattern: str, count: int | None = None) -> list[Route]:
+    """Hold the requests for a pattern back, or the first `count` of them, until `release`."""
     held: list[Route] = []
 
     def keep(route: Route) -> None:
-        held.append(route)
+        if len(held) == count:
+            route.continue_()
+        else:
+            held.append(route)
 
     page.route(pattern, keep)
     return held

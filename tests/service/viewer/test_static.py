@@ -15,7 +15,7 @@ from PIL import Image
 from playwright.sync_api import Browser, Page, expect
 
 from tests.support import ROOT
-from tests.support.browsing import PICTURES, TIMEOUT_MS, TRIANGLES, photo
+from tests.support.browsing import PICTURES, TRIANGLES, photo, wait_long
 from tests.support.gltf import check_valid
 from tests.support.server import answering
 from tests.support.systems.javascript import build_package, run_in_package
@@ -60,8 +60,7 @@ def alone(browser: Browser, files: str) -> Iterator[Page]:
     """Open the static page; only its own files can be fetched, and nothing may fail."""
     with browser.new_context(viewport={"width": 1280, "height": 1000}, accept_downloads=True) as context:
         page = context.new_page()
-        page.set_default_timeout(TIMEOUT_MS)
-        expect.set_options(timeout=TIMEOUT_MS)
+        wait_long(page)
         faults: list[str] = []
         page.on("console", lambda message: faults.append(message.text) if message.type == "error" else None)
         page.on("pageerror", lambda error: faults.append(str(error)))
