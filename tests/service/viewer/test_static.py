@@ -14,6 +14,7 @@ import trimesh
 from PIL import Image
 from playwright.sync_api import Browser, Page, expect
 
+from tests.service.viewer.tools.room import PHONE, emulate_phone
 from tests.support import ROOT
 from tests.support.browsing import PICTURES, TRIANGLES, photo, wait_long
 from tests.support.gltf import check_valid
@@ -170,6 +171,19 @@ def test_features_that_need_a_service_are_hidden(alone: Page) -> None:
         expect(line).to_be_hidden()
     values = alone.locator("#format option").evaluate_all("(options) => options.map(({ value }) => value)")
     assert values == ["glb", "ply", "glb", "f32", "safetensors"]
+
+
+def test_object_of_the_page_stands_in_the_room_of_a_browser_with_webxr(alone: Page) -> None:
+    page = alone.context.new_page()
+    emulate_phone(page)
+    page.set_viewport_size(PHONE)
+    page.goto(alone.url)
+    _choose(page, photo("chair"))
+    page.evaluate("phone.look(-35, 0)")
+    page.get_by_role("button", name="See it in your room").click()
+    expect(page.locator("#room p")).to_have_text("Tap to put it here.")
+    page.get_by_role("button", name="Leave").click()
+    expect(page.locator("#room")).to_be_hidden()
 
 
 def test_folder_refers_to_nothing_but_its_files(folder: Path) -> None:
