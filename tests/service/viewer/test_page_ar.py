@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections.abc import Sequence
 
 import httpx
 import numpy as np
@@ -13,6 +14,7 @@ from tests.service.viewer.tools.room import (
     FLOOR,
     PHONE,
     Box,
+    Finger,
     box,
     box_of,
     enter,
@@ -132,7 +134,7 @@ def test_one_finger_moves_the_object_and_two_turn_and_enlarge_it(browser: Browse
         )  # its front is nearer, too
 
 
-def _drag(page: Page, start: list[tuple[str, float, float]], end: list[tuple[str, float, float]]) -> None:
+def _drag(page: Page, start: Sequence[Finger], end: Sequence[Finger]) -> None:
     touch(page, *start)
     touch(page, *end)
     page.evaluate("phone.lift()")

@@ -27,6 +27,8 @@ NOTE_LINKS = """
     });
 """
 
+Finger = tuple[str, float, float]  # hand, and where its ray goes: degrees upwards, degrees to the left
+
 
 class Box(NamedTuple):
     """A box in the picture, pixels."""
@@ -65,7 +67,6 @@ def visitor(
     turns: bool = False,
 ) -> Iterator[Page]:
     """Open the page of a service under an origin, on the emulated phone; no script may fail."""
-    motion: Literal["no-preference", "reduce"] = "no-preference" if turns else "reduce"
     motion: Literal["no-preference", "reduce"] = "no-preference" if turns else "reduce"
     with browser.new_context(viewport=PHONE, reduced_motion=motion, user_agent=user_agent) as context:
         page = context.new_page()
@@ -109,8 +110,8 @@ def place(page: Page) -> None:
     expect(hint(page)).to_have_text("Drag to move it. Two fingers turn it and change its size.")
 
 
-def touch(page: Page, *fingers: tuple[str, float, float]) -> None:
-    """Put fingers on the screen, or move them: (hand, degrees upwards, degrees to the left)."""
+def touch(page: Page, *fingers: Finger) -> None:
+    """Put fingers on the screen, or move them."""
     page.evaluate("(fingers) => phone.touch(...fingers)", fingers)
 
 
