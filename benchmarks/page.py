@@ -98,7 +98,7 @@ def lighthouse(chromium: str, url: str, device: str) -> dict[str, float]:
 def first_results_s(url: str, rounds: int) -> list[float]:
     """Return the seconds from the choice of a photo that the service does not know until its object is drawn."""
     with sync_playwright() as playwright:
-        browser = launched(playwright)
+        browser = launched(playwright, "chromium")
         page = browser.new_page(viewport={"width": 1280, "height": 900}, reduced_motion="reduce")
         page.set_default_timeout(TIMEOUT_MS)
         times = [_first_result_s(page, url, number) for number in range(rounds)]

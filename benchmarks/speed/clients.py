@@ -71,7 +71,7 @@ def _elsewhere(core: int, command: list[str]) -> list[str]:
 def _in_browser(url: str, object_id: str, rounds: int) -> tuple[dict[int, Seconds], str]:
     """Time points by WebGL2 in Chromium; return them by n, and the name of its WebGL."""
     with sync_playwright() as playwright:
-        browser = launched(playwright)
+        browser = launched(playwright, "chromium")
         page = browser.new_page()
         page.route("**/hof-client/**", _package)
         page.goto(f"{url}/")

@@ -8,7 +8,8 @@ from contextlib import asynccontextmanager
 from functools import cache, partial
 from typing import Final
 
-from fastapi import FastAPI, Request
+from fastapi import APIRouter, FastAPI, Request
+from fastapi.routing import APIRoute
 from fastapi.telemetry import TelemetryConfig
 from starlette.responses import Response
 from starlette.routing import Mount, Route
@@ -117,6 +118,7 @@ def create_app(settings: Settings, networks: Networks | None = None) -> FastAPI:
     app.add_middleware(SlowClientTimeout, seconds=settings.client_timeout_s)
     for router in ROUTERS:
         app.include_router(router, responses=RESPONSES)
+    _serve_directly(app, encode.router)
     _serve_schema(app)
     app.router.routes.extend(viewer.routes)
     return app
@@ -174,6 +176,15 @@ def _open_warm(settings: Settings, networks: Networks | None) -> Networks:
     opened = networks or Networks.open(settings)
     opened.models.warm_up()
     return opened
+
+
+def _serve_directly(app: FastAPI, router: APIRouter) -> None:
+    """Serve a router's endpoints by plain routes, ahead of FastAPI's, which describe them in openapi.json.
+
+    For endpoints that take the request alone: to prepare nothing took FastAPI a sixth of a repeated photo's time.
+    """
+    routes = [route for route in router.routes if isinstance(route, APIRoute)]
+    app.router.routes[:0] = [Route(route.path, route.endpoint, methods=route.methods) for route in routes]
 
 
 def _serve_schema(app: FastAPI) -> None:

@@ -13,6 +13,7 @@ from PIL import Image
 from service.mapping.compiled import extension
 
 Bytes = npt.NDArray[np.uint8]
+Floats = npt.NDArray[np.float32]
 Counts = npt.NDArray[np.int32]
 Picture = tuple[object, object]  # Arrow capsules of an image with four bytes a pixel
 
@@ -22,7 +23,7 @@ NOT_BUILT: Final = (
     "install a C compiler with Python's headers, then this package anew"
 )
 MOST_SUMMED: Final = 257  # pixels in a row, that one pixel of a reduced square is the mean of
-VERSION: Final = 1  # of the source, as in pixels.c: raise both with each change of what it computes
+VERSION: Final = 2  # of the source, as in pixels.c: raise both with each change of what it computes
 
 
 class Pixels(Protocol):
@@ -52,6 +53,9 @@ class Pixels(Protocol):
 
         The size is below `side`, and `side` at most `MOST_SUMMED` times as long. Outside the image all is transparent.
         """
+
+    def over_white(self, rgba: Bytes, planes: Floats, /) -> None:
+        """Composite a picture (size, size, 4) over white: planes (3, size, size), from 0 to 1."""
 
 
 @functools.cache

@@ -166,6 +166,16 @@ def preprocess(
 
 def over_white(rgba: Image.Image) -> npt.NDArray[np.float32]:
     """Composite an RGBA image of (size, size) over white: (1, 3, size, size) float32 in [0, 1]."""
+    functions = compiled.load()
+    if functions is None:
+        return _numpy_over_white(rgba)
+    rgb = np.empty((1, 3, *rgba.size), np.float32)
+    functions.over_white(np.asarray(rgba), rgb[0])
+    return rgb
+
+
+def _numpy_over_white(rgba: Image.Image) -> npt.NDArray[np.float32]:
+    """Compute what `over_white` returns, without the compiled functions."""
     planes = b"".join(rgba.tobytes("raw", band) for band in "RGBA")
     pixels = np.frombuffer(planes, np.uint8).reshape(4, *rgba.size)
     levels: npt.NDArray[np.float32] = np.divide(pixels, np.float32(255), dtype=np.float32)

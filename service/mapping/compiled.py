@@ -23,7 +23,7 @@ NOT_BUILT: Final = (
     "no compiled kernel of this version, so NumPy computes points, more slowly: "
     "install a C compiler with Python's headers, then this package anew"
 )
-VERSION: Final = 2  # of the kernel's source, as in kernel.c: raise both with each change of what it computes
+VERSION: Final = 3  # of the kernel's source, as in kernel.c: raise both with each change of what it computes
 ROW: Final = 7  # floats of a packed unit: its row of [W b], its column of V
 
 
@@ -42,6 +42,29 @@ class Kernel(Protocol):
 
     def uniform(self, key: int, counter: int, u: Array, /) -> None:
         """Take n / 2 steps of Philox 4x64-10 after `counter`: u (4, n), n even, in [0, 1)."""
+
+    def cut(
+        self,
+        first: Array,
+        second: Array,
+        grid: int,
+        low: Array,
+        step: Array,
+        half: Array,
+        affine: Array,
+        crossing: Mask,
+        instructions: int = ...,
+        /,
+    ) -> None:
+        """Find the linear units of each cell of a fold (`service.mapping.folding.Fold`), and add them up.
+
+        Parameters
+        ----------
+        first, second : [W b] (h, 4), V (3, h).
+        low, step, half : (3,) low corner of the box; sides of a cell, and what counts as half of them.
+        affine, crossing : (grid ** 3 + 1, 3, 4), (grid ** 3 + 1, h); the last cell, outside the box, stays as it is.
+        instructions : as for `map`.
+        """
 
     def pack(self, crossing: Mask, units: Array, starts: Starts, packed: Array, /) -> None:
         """Write the units of each cell one after another.

@@ -40,6 +40,7 @@ class Fold:
     spec, theta : the function; `spec.is_one_relu_layer`.
     low, high : (3,) corners of the box.
     grid : cells per side; 0 leaves the network whole everywhere.
+    kernel : cuts the cells in place of NumPy.
 
     Attributes
     ----------
@@ -50,7 +51,9 @@ class Fold:
     """
 
     @np.errstate(over="ignore", invalid="ignore")  # the sampler checks the points
-    def __init__(self, spec: MappingSpec, theta: Array, low: Corner, high: Corner, grid: int) -> None:
+    def __init__(
+        self, spec: MappingSpec, theta: Array, low: Corner, high: Corner, grid: int, kernel: Kernel | None = None
+    ) -> None:
         (w, b), (self.second, c) = layers(spec, theta)
         self.first = np.concatenate([w, b[:, None]], axis=1)
         self.grid = grid
@@ -58,7 +61,10 @@ class Fold:
         self.origin, self.per_unit = low.astype(np.float32), (1 / step).astype(np.float32)
         self.affine = np.zeros((grid**3 + 1, 3, 4), np.float32)
         self.crossing = np.ones((grid**3 + 1, len(b)), np.bool_)
-        if grid:
+        if grid and kernel:
+            sides = low.astype(np.float32), step.astype(np.float32), ((0.5 + MARGIN) * step).astype(np.float32)
+            kernel.cut(self.first, np.ascontiguousarray(self.second), grid, *sides, self.affine, self.crossing)
+        elif grid:
             self._cut(low, step)
         self.affine[:, :, 3] += c
 
@@ -250,7 +256,7 @@ def coarse_word(spec: MappingSpec, word: Sequence[Array]) -> Callable[[Array], A
     high, kernel = np.full(3, 1 + MARGIN), compiled.load()
 
     def cut(theta: Array) -> Engine:
-        fold = Fold(spec, theta, -high, high, COARSE)
+        fold = Fold(spec, theta, -high, high, COARSE, kernel)
         return CompiledFold(fold, kernel) if kernel else NumpyFold(fold)
 
     return partial(_through, pack_distinct(cut, word[::-1]))

@@ -15,6 +15,7 @@ from service.settings import Settings
 PACE_WEIGHT: Final = 0.05  # of the latest completion, in the moving average of the pace
 MAX_RETRY_S: Final = 60
 SHARE: Final = 3  # a client may hold this many times the room that is left: three quarters of a gate if it is alone
+LARGEST: Final = 0.75  # of the limit on points: what a request counts for at most
 
 
 class ClientLeft(Exception):
@@ -29,6 +30,11 @@ class Gate:
 
     For one event loop, not for several threads.
 
+    Parameters
+    ----------
+    largest : what a request counts for at most, so that one that is larger than the limit finds room beside small
+        ones, and leaves them some; None for no bound.
+
     Attributes
     ----------
     held : amount of work inside, in the unit of the gate.
@@ -37,14 +43,19 @@ class Gate:
     refused : number of requests that were refused.
     """
 
-    def __init__(self, unit: str, limit: int) -> None:
+    def __init__(self, unit: str, limit: int, largest: int | None = None) -> None:
         self._unit = unit
         self._limit = limit
+        self._largest = largest
         self._last_left = 0.0  # time.monotonic()
         self._pace_s = 0.0  # seconds for each unit of work while the gate is busy: a moving average
         self._held_by: Counter[str] = Counter()  # by client
         self.held = 0
         self.finished = self.cancelled = self.failed = self.refused = 0
+
+    def charge(self, amount: int) -> int:
+        """Return what an amount of work counts for."""
+        return amount if self._largest is None else min(amount, self._largest)
 
     def refuse_if_full(self, amount: int = 1, client: str | None = None, *, own: int = 0) -> None:
         """Raise Overloaded if this amount of work would not be admitted now, in place of `own` that is inside."""
@@ -123,13 +134,14 @@ class Admitted:
 
     def check(self, amount: int) -> None:
         """Raise Overloaded if `grow_to` would do so now."""
-        self._gate.refuse_if_full(amount, self.client, own=self.amount)
+        self._gate.refuse_if_full(self._gate.charge(amount), self.client, own=self.amount)
 
     def grow_to(self, amount: int) -> None:
         """Hold a larger amount. Raises Overloaded; what it held so far it holds then, too."""
         self.check(amount)
-        self._gate.take(amount - self.amount, self.client)
-        self.amount = amount
+        charge = self._gate.charge(amount)
+        self._gate.take(charge - self.amount, self.client)
+        self.amount = charge
 
 
 @dataclass(frozen=True)
@@ -138,7 +150,7 @@ class Gates:
 
     images : images being received, queued or encoded.
     points : points being computed or sent, weighted by the size of their function; a stream counts its in-flight
-        points only.
+        points only, and no request more than three quarters of the limit.
     uploads : bytes of request bodies that have arrived.
     answers : bytes of answers that are complete in memory and that their clients have not taken yet.
     """
@@ -151,9 +163,10 @@ class Gates:
     @classmethod
     def of(cls, settings: Settings) -> "Gates":
         """Return empty gates with the limits of the settings."""
+        points = settings.max_points_in_flight
         return cls(
             Gate("images at a time (--max-queued-images)", settings.max_queued_images),
-            Gate("points at a time (--max-points-in-flight)", settings.max_points_in_flight),
+            Gate("points at a time (--max-points-in-flight)", points, largest=math.ceil(LARGEST * points)),
             Gate("bytes of request bodies at a time (--max-upload-bytes)", settings.max_upload_bytes),
             Gate("bytes of answers at a time (--max-answer-bytes)", settings.max_answer_bytes),
         )

@@ -69,6 +69,10 @@ class PostgresDatabase:
         """Run a transaction (`Database.look_up`)."""
         return await self.run(work)
 
+    async def write(self, work: Work[R]) -> R:
+        """Run a transaction (`Database.write`)."""
+        return await self.run(work)
+
     def _end(self, transaction: asyncio.Task[Any]) -> None:
         self._running.discard(transaction)
         if not transaction.cancelled():

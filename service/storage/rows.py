@@ -25,6 +25,7 @@ WHOLE: Final = [*HEADER, objects.c.theta, objects.c.color]
 ALL: Final = [*WHOLE, objects.c.photo]
 ONE: Final = select(*WHOLE).where(objects.c.id == bindparam("of"))  # built once: every photo runs it
 INSERT: Final = objects.insert()  # built once: every photo runs it
+BEYOND_HALF: Final = np.uint32(0x1FFF)  # bits of a float32 that are zero if float16 holds it
 BATCH_ROWS: Final = 512
 BATCH_BYTES: Final = 16 * 2**20  # of functions and photos; one object may have more
 
@@ -204,9 +205,12 @@ def functions_of(row: Row[Any]) -> Functions:
 
 def _bytes(array: Array) -> bytes:
     """Return the numbers in 2 bytes each if float16 holds all of them exactly, else in 4."""
+    single = np.ascontiguousarray(array, dtype="<f4")
+    if (single.view("<u4") & BEYOND_HALF).any():  # seldom not: this test is much faster than the conversion
+        return single.tobytes()
     with np.errstate(over="ignore"):
         half = array.astype("<f2")
-    return (half if np.array_equal(half, array) else np.ascontiguousarray(array, dtype="<f4")).tobytes()
+    return (half if np.array_equal(half, array) else single).tobytes()
 
 
 def _array(data: bytes, spec: MappingSpec) -> Array:

@@ -18,9 +18,11 @@ from sqlalchemy.exc import OperationalError
 
 from service.errors import StoreUnavailable, UnusableStore
 from service.storage.faults import REMEDIES, RETRY_AFTER_S, is_locked, too_busy
+from service.storage.group_commit import GroupCommit
 from service.storage.transactions import R, Work
 
 SQLITE_CONNECTIONS: Final = 4  # more would not help: SQLite has one writer at a time
+OWN: Final = 2  # connections besides: that of the event loop, and that of the thread that writes
 POOL_TIMEOUT_S: Final = 30  # wait for a connection; as long as a busy file still counts as ready
 BUSY_TIMEOUT_MS: Final = 10_000
 BUSY_TIMEOUT: Final = f"busy_timeout = {BUSY_TIMEOUT_MS}"
@@ -40,6 +42,7 @@ class SqliteDatabase:
         self._engine = engine
         self._threads = ThreadPoolExecutor(SQLITE_CONNECTIONS, thread_name_prefix="sqlite")
         self._free = asyncio.Semaphore(SQLITE_CONNECTIONS)
+        self._writes = GroupCommit(self._transaction)
         self._connections: dict[int, Connection] = {}  # by thread: a pool would cost as much as reading a row
         self._reader: Connection | None = None  # of the event loop; opened by `watch_files`
         self._files: dict[Path, Identity | None] = {}
@@ -80,6 +83,10 @@ class SqliteDatabase:
             with contextlib.suppress(OperationalError):
                 return self._transact(self._reader, work)
         return await self.run(work)
+
+    async def write(self, work: Work[R]) -> R:
+        """Run a transaction that others may share (`Database.write`)."""
+        return await self._writes.write(work)
 
     async def _acquire(self) -> None:
         if not self._free.locked():  # saves the timer, which costs more than the acquisition
@@ -136,6 +143,7 @@ class SqliteDatabase:
     async def close(self) -> None:
         """Close all connections once the running transactions have ended."""
         await asyncio.to_thread(self._threads.shutdown)
+        await asyncio.to_thread(self._writes.close)
         for connection in (*self._connections.values(), *([self._reader] if self._reader else [])):
             connection.close()
         self._engine.dispose()
@@ -170,7 +178,7 @@ def open_sqlite(url: URL, *, unchanged: bool = False) -> SqliteDatabase:
         with contextlib.suppress(OSError):  # SQLite says it with a remedy
             os.close(os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, OWNER_ONLY))
         url = url.set(database=str(path))
-    engine = create_engine(url, pool_size=SQLITE_CONNECTIONS + 1, max_overflow=0)  # one more: the event loop's
+    engine = create_engine(url, pool_size=SQLITE_CONNECTIONS + OWN, max_overflow=0)
     event.listen(engine, "connect", _configure_unchanged if unchanged else _configure)
     return SqliteDatabase(engine)
 

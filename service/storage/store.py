@@ -114,7 +114,7 @@ class Store:
             # Always in the same order, so that two calls for the same words cannot deadlock.
             fresh = sorted((pair for pair in proposed if pair[0].id not in kept), key=lambda pair: pair[0].members)
             try:
-                await self._run(partial(insert_all, pairs=fresh, photos=photos or {}))
+                await self._answer_of(self._database.write(partial(insert_all, pairs=fresh, photos=photos or {})))
             except IntegrityError:
                 kept = await self.records([record.id for record, _ in proposed])
                 for record, _ in fresh:

@@ -35,6 +35,12 @@ class Database(Protocol):
     async def look_up(self, work: Work[R]) -> R:
         """Call a function that reads a few rows by their keys, and nothing else. Raises as `run` does."""
 
+    async def write(self, work: Work[R]) -> R:
+        """Call a function as `run` does, in a transaction that it may share with other calls of this method.
+
+        It may be called twice: again if another call undoes the first. Its own error undoes it alone.
+        """
+
     def ping(self, connection: Connection) -> None:
         """Do the least work that shows that the database can be used. Raises StoreUnavailable or a driver's error."""
 

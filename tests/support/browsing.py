@@ -36,6 +36,14 @@ DRAWN = """async () => {
     gl?.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4)); // returns when all is drawn
     await frames();
 }"""
+POINTS_FIRST = """
+    addEventListener("DOMContentLoaded", () => {
+        const surface = document.getElementById("surface"); // null on other pages
+        if (!surface || performance.getEntriesByType("navigation")[0].type === "reload") return;
+        document.getElementById("n").value = 4;
+        surface.click();
+    });
+"""
 QUICK_LOOK = """
     const supports = DOMTokenList.prototype.supports;
     DOMTokenList.prototype.supports = function (token) { return token === "ar" || supports.call(this, token); };
@@ -54,10 +62,10 @@ def browser() -> Iterator[Browser]:
         browser.close()
 
 
-def launched(playwright: Playwright) -> Browser:
-    """Start Chromium without a window."""
-    chromium = shutil.which("chromium")
-    assert chromium, "the page is tested in Debian's chromium: tests/support/system.sh installs it"
+def launched(playwright: Playwright, program: str = "chromium-headless-shell") -> Browser:
+    """Start Chromium without a window. Its headless shell has the engine of `chromium`, and takes less time."""
+    chromium = shutil.which(program)
+    assert chromium, f"the page is tested in Debian's {program}: tests/support/system.sh installs it"
     return playwright.chromium.launch(executable_path=chromium, args=WEBGL)
 
 
@@ -97,25 +105,34 @@ def page(browser: Browser, address: str) -> Iterator[Page]:
 
 
 def opened(page: Page, address: str) -> Page:
-    """Open the page, wait until it shows its first object, and switch to 10,000 points of it."""
-    page.set_default_timeout(TIMEOUT_MS)
-    expect.set_options(timeout=TIMEOUT_MS)
+    """Open the page, and wait until it shows 10,000 points of its first object.
+
+    It is switched to points before it fetches the surface, which would take most of the time.
+    """
+    wait_long(page)
     page.emulate_media(reduced_motion="reduce")  # no turntable
+    page.add_init_script(POINTS_FIRST)
     page.goto(f"{address}/")
-    expect(page.locator("#count")).to_have_text(TRIANGLES)
-    page.locator("#n").evaluate("(slider) => { slider.value = 4 }")
-    page.get_by_role("switch", name="Surface").uncheck()
     page.get_by_text("Advanced").click()
     expect(page.locator("#count")).to_have_text("10,000 points")
     return page
 
 
-def hold(page: Page, pattern: str) -> list[Route]:
-    """Hold the requests for a pattern back, until `release`."""
+def wait_long(page: Page) -> None:
+    """Let all that waits for this page, and all that expects, do so for TIMEOUT_MS: the machine may be busy."""
+    page.set_default_timeout(TIMEOUT_MS)
+    expect.set_options(timeout=TIMEOUT_MS)
+
+
+def hold(page: Page, pattern: str, count: int | None = None) -> list[Route]:
+    """Hold the requests for a pattern back, or the first `count` of them, until `release`."""
     held: list[Route] = []
 
     def keep(route: Route) -> None:
-        held.append(route)
+        if len(held) == count:
+            route.continue_()
+        else:
+            held.append(route)
 
     page.route(pattern, keep)
     return held

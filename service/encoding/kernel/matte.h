@@ -68,27 +68,37 @@ static double border_of(Ring *ring, const Picture *picture, Py_ssize_t edge)
     return (double)ring->alike / (double)ring->total;
 }
 
+#define STRETCH 1024 /* pixels */
+
 /* Write the matte of `n` pixels: (difference - tolerance) * 255 / softness, rounded down, from 0 to 255. */
 CLONED static void ramp(const uint8_t *restrict pixels, Py_ssize_t n, const uint8_t border[BANDS], int tolerance,
                         int softness, uint8_t *restrict matte)
 {
     const uint8_t bands[PIXEL] = {255, 255, 255, 0}, common[PIXEL] = {border[0], border[1], border[2], 0};
-    const int32_t step = LEVELS / softness;
-    uint32_t mask, ground;
-    memcpy(&mask, bands, PIXEL); /* pixels are whole words here, which vectors load fast, in any order of the bytes */
-    memcpy(&ground, common, PIXEL);
-    for (Py_ssize_t i = 0; i < n; i++) {
-        uint32_t pixel;
-        int32_t steps = 0;
-        memcpy(&pixel, pixels + PIXEL * i, PIXEL);
-        pixel &= mask;
-        for (int shift = 0; shift < 32; shift += 8) {
-            const int32_t distance = abs((int32_t)(pixel >> shift & 255) - (int32_t)(ground >> shift & 255));
-            steps = distance > steps ? distance : steps;
+    const uint8_t least = (uint8_t)tolerance, most = (uint8_t)softness, step = (uint8_t)(LEVELS / softness);
+    uint8_t ground[PIXEL * STRETCH], steps[PIXEL * STRETCH];
+    uint32_t mask;
+    memcpy(&mask, bands, PIXEL);
+    for (Py_ssize_t i = 0; i < STRETCH; i++)
+        memcpy(ground + PIXEL * i, common, PIXEL);
+    for (Py_ssize_t at = 0; at < n; at += STRETCH) {
+        const Py_ssize_t count = n - at < STRETCH ? n - at : STRETCH;
+        const uint8_t *from = pixels + PIXEL * at;
+        for (Py_ssize_t i = 0; i < PIXEL * count; i++) { /* bytes alone: most of them in a vector */
+            const uint8_t high = from[i] > ground[i] ? from[i] : ground[i];
+            const uint8_t low = from[i] < ground[i] ? from[i] : ground[i];
+            const uint8_t distance = (uint8_t)(high - low), above = distance > least ? distance : least;
+            const uint8_t ascent = (uint8_t)(above - least);
+            steps[i] = ascent < most ? ascent : most;
         }
-        steps = steps > tolerance ? steps - tolerance : 0;
-        steps = steps < softness ? steps : softness;
-        matte[i] = (uint8_t)(steps * step - (steps > 0)); /* 255 / softness is just below 256 / softness */
+        for (Py_ssize_t i = 0; i < count; i++) { /* a pixel is a word here, whose bytes may come in any order */
+            uint32_t word;
+            memcpy(&word, steps + PIXEL * i, PIXEL);
+            word &= mask;
+            const uint32_t a = word & 255, b = word >> 8 & 255, c = word >> 16 & 255, d = word >> 24;
+            const uint32_t ab = a > b ? a : b, cd = c > d ? c : d, largest = ab > cd ? ab : cd;
+            matte[at + i] = (uint8_t)(largest * step - (largest > 0)); /* 255 / softness is just below 256 / softness */
+        }
     }
 }
 

@@ -16,7 +16,7 @@
 #include "matte.h"
 #include "square.h"
 
-#define VERSION 1 /* of this source, as in compiled.py: raise both with each change of what it computes */
+#define VERSION 2 /* of this source, as in compiled.py: raise both with each change of what it computes */
 #define MOST_COLUMNS 65535
 #define MOST_AWAY (1 << 24) /* pixels of the square's corner from the picture's */
 
@@ -148,10 +148,32 @@ static PyObject *square(PyObject *module, PyObject *arguments)
     return PyErr_Occurred() ? NULL : Py_NewRef(Py_None);
 }
 
+static PyObject *composite(PyObject *module, PyObject *arguments)
+{
+    PyObject *rgba_object, *planes_object;
+    Buffers buffers = {.count = 0};
+    Py_ssize_t size = -1, four = PIXEL, bands = BANDS;
+    const uint8_t *rgba;
+    float *planes;
+
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "OO:over_white", &rgba_object, &planes_object))
+        return NULL;
+    if ((rgba = TAKE(rgba, "uint8", READ, &size, &size, &four)) &&
+        (planes = TAKE(planes, "float32", WRITE, &bands, &size, &size))) {
+        Py_BEGIN_ALLOW_THREADS
+        over_white(rgba, size * size, planes);
+        Py_END_ALLOW_THREADS
+    }
+    release(&buffers);
+    return PyErr_Occurred() ? NULL : Py_NewRef(Py_None);
+}
+
 static PyMethodDef methods[] = {
     {"border_matte", border_matte, METH_VARARGS, NULL},
     {"summary", summary, METH_VARARGS, NULL},
     {"square", square, METH_VARARGS, NULL},
+    {"over_white", composite, METH_VARARGS, NULL},
     {NULL, NULL, 0, NULL},
 };
 

@@ -105,18 +105,78 @@ static void set_free(Square *square)
         free(all[i]);
 }
 
-/* Reduce a row of the square: `inside` pixels from `first` on lie in the picture. */
-static void reduce_row(const Square *square, const uint8_t *pixels, const uint8_t *matte, Py_ssize_t first,
-                       Py_ssize_t inside, uint8_t *narrow)
+/* Return how many of the last pixels of a row are transparent. */
+static Py_ssize_t transparent_end(const uint8_t *matte, Py_ssize_t n)
 {
-    premultiply(pixels, matte, inside, square->levels, square->alphas, (uint16_t *)(square->row + first));
-    for (Py_ssize_t x = 0; x < square->side; x++)
-        square->below[x + 1] = square->below[x] + square->row[x];
-    for (Py_ssize_t i = 0; i < square->size; i++) { /* a difference has four sums, none of which overflows 16 bits */
+    Py_ssize_t end = n;
+    for (uint64_t eight; end >= (Py_ssize_t)sizeof(eight); end -= (Py_ssize_t)sizeof(eight)) {
+        memcpy(&eight, matte + end - sizeof(eight), sizeof(eight));
+        if (eight)
+            break;
+    }
+    while (end && !matte[end - 1])
+        end--;
+    return n - end;
+}
+
+/* Return how many of the first pixels of a row are transparent. */
+static Py_ssize_t transparent_start(const uint8_t *matte, Py_ssize_t n)
+{
+    Py_ssize_t start = 0;
+    for (uint64_t eight; start + (Py_ssize_t)sizeof(eight) <= n; start += (Py_ssize_t)sizeof(eight)) {
+        memcpy(&eight, matte + start, sizeof(eight));
+        if (eight)
+            break;
+    }
+    while (start < n && !matte[start])
+        start++;
+    return start;
+}
+
+/* Reduce a row of the square: `n` pixels from `first` on lie in the picture. `narrow` is zero, and stays so for windows
+ * of transparent pixels. */
+static void reduce_row(const Square *square, const uint8_t *pixels, const uint8_t *matte, Py_ssize_t first,
+                       Py_ssize_t n, uint8_t *narrow)
+{
+    n -= transparent_end(matte, n);
+    const Py_ssize_t skipped = transparent_start(matte, n), from = first + skipped, to = first + n;
+    Py_ssize_t begin = 0, end = square->size; /* of the windows that the others lie in */
+    if (skipped == n)
+        return;
+    while (begin < end && square->windows[begin].start + square->windows[begin].count <= from)
+        begin++;
+    while (end > begin && square->windows[end - 1].start >= to)
+        end--;
+    if (begin == end)
+        return;
+    const Window *last = &square->windows[end - 1];
+    const Py_ssize_t low = square->windows[begin].start, high = last->start + last->count;
+    if (low < from)
+        memset(square->row + low, 0, (size_t)(from - low) * sizeof(uint64_t));
+    if (high > to)
+        memset(square->row + to, 0, (size_t)(high - to) * sizeof(uint64_t));
+    premultiply(pixels + PIXEL * skipped, matte + skipped, n - skipped, square->levels, square->alphas,
+                (uint16_t *)(square->row + from));
+    uint64_t sum = square->below[low] = 0;
+    for (Py_ssize_t x = low; x < high; x++)
+        square->below[x + 1] = sum += square->row[x];
+    for (Py_ssize_t i = begin; i < end; i++) { /* a difference has four sums, none of which overflows 16 bits */
         const Window *window = &square->windows[i];
         square->sums[i] = square->below[window->start + window->count] - square->below[window->start];
     }
-    weigh((const uint16_t *)square->sums, square->weights, PIXEL * square->size, narrow);
+    weigh((const uint16_t *)(square->sums + begin), square->weights + PIXEL * begin, PIXEL * (end - begin),
+          narrow + PIXEL * begin);
+}
+
+/* Composite `n` pixels over white: planes (BANDS, n), from 0 to 1. */
+CLONED static void over_white(const uint8_t *restrict rgba, Py_ssize_t n, float *restrict planes)
+{
+    for (Py_ssize_t i = 0; i < n; i++) {
+        const float alpha = (float)rgba[PIXEL * i + 3] / 255.0f, white = 1.0f - alpha;
+        planes[i] = (float)rgba[PIXEL * i] / 255.0f * alpha + white;
+        planes[n + i] = (float)rgba[PIXEL * i + 1] / 255.0f * alpha + white;
+        planes[2 * n + i] = (float)rgba[PIXEL * i + 2] / 255.0f * alpha + white;
+    }
 }
 
 /* Reduce the rows, then the columns; outside the picture all is transparent. */

@@ -6,6 +6,7 @@
 
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -15,7 +16,7 @@
 #define INLINE static inline __attribute__((always_inline))
 #define MOST_CELLS_A_SIDE 256
 #define WIDEST 65536
-#define VERSION 2 /* of this source, as in compiled.py: raise both with each change of what it computes */
+#define VERSION 3 /* of this source, as in compiled.py: raise both with each change of what it computes */
 
 #include "sets.h"
 #include "network.h"
@@ -162,6 +163,8 @@ static int are_starts(const int64_t *starts, Py_ssize_t cells, Py_ssize_t units)
     return starts[cells] <= units;
 }
 
+#include "cut.h"
+
 static PyObject *map(PyObject *module, PyObject *arguments)
 {
     PyObject *x_object, *origin_object, *per_unit_object, *starts_object, *packed_object, *affine_object, *y_object;
@@ -259,6 +262,7 @@ static PyObject *network(PyObject *module, PyObject *arguments)
 
 static PyMethodDef methods[] = {
     {"uniform", uniform, METH_VARARGS, NULL},
+    {"cut", cut, METH_VARARGS, NULL},
     {"pack", pack, METH_VARARGS, NULL},
     {"network", network, METH_VARARGS, NULL},
     {"map", map, METH_VARARGS, NULL},

@@ -3,6 +3,7 @@
 #include <stdint.h>
 
 #define ROW 7     /* floats of a packed unit: its row of [W b], its column of V */
+#define OUTER 12  /* numbers of an affine map, (3, 4) */
 #define BLOCK 64  /* units of one partial sum: long sums of float32 lose digits */
 #define LONG_BLOCK 256 /* the same, of layers.h */
 #define LARGEST_TILE 32 /* points */
@@ -24,6 +25,12 @@ typedef struct {
     const float *packed, *affine;
     Activation activation;
 } Fold;
+
+/* A network to be cut, unit after unit. */
+typedef struct {
+    int64_t padded, apart; /* units, with zeros behind the last one; floats from column to column */
+    const float *columns;  /* (5 + OUTER, apart), as in cut.h */
+} Cut;
 
 /* A network: theta has W (outputs, inputs) and b (outputs) of each layer, first to last. */
 typedef struct {

@@ -12,6 +12,7 @@
 #define MAX(a, b) _mm512_max_ps(a, b)
 #define MIN(a, b) _mm512_min_ps(a, b)
 #include "points.h"
+#include "cells.h"
 #include "layers.h"
 
 #define NAME(f) f##_avx2
@@ -21,6 +22,7 @@
 #define MAX(a, b) _mm256_max_ps(a, b)
 #define MIN(a, b) _mm256_min_ps(a, b)
 #include "points.h"
+#include "cells.h"
 #include "layers.h"
 
 #define NAME(f) f##_sse2
@@ -30,6 +32,7 @@
 #define MAX(a, b) _mm_max_ps(a, b)
 #define MIN(a, b) _mm_min_ps(a, b)
 #include "points.h"
+#include "cells.h"
 #include "layers.h"
 
 #define SETS 3
@@ -46,6 +49,7 @@ typedef int32_t Bits __attribute__((vector_size(16)));
 #define MAX(a, b) CHOOSE((a) > (b), a, b)
 #define MIN(a, b) CHOOSE((a) < (b), a, b)
 #include "points.h"
+#include "cells.h"
 #include "layers.h"
 
 #define SETS 1
@@ -56,11 +60,12 @@ typedef struct {
     void (*fold_cell)(const Cell *, const float *const[3], float *const[3], int64_t);
     void (*find_cells)(const Fold *, const float *, int64_t, int32_t *);
     void (*restore)(const int32_t *, const float *, int64_t, float *);
+    void (*cut_cell)(const Cut *, const float[3], float[OUTER], int32_t *);
     void (*map_layers)(const Network *, const float *, int64_t, float *, float *, float *);
 } Set;
 
 #define SET(text, suffix) \
-    {text, fold_cell_##suffix, find_cells_##suffix, restore_##suffix, map_layers_##suffix}
+    {text, fold_cell_##suffix, find_cells_##suffix, restore_##suffix, cut_cell_##suffix, map_layers_##suffix}
 
 /* Best first. */
 static const Set sets[SETS] = {

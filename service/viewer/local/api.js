@@ -8,6 +8,8 @@ import { pictureOf } from "./picture.js";
 import { Store } from "./store.js";
 import { points } from "./points.js";
 
+export const HAS_ADDRESSES = false; // files are written here: other apps cannot fetch them
+
 const MODEL = "hof1-k2";
 const FORMATS = { mesh: ["glb"], points: ["ply", "glb", "f32"], weights: ["safetensors"] }; // that files.js writes
 

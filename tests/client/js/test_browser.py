@@ -38,7 +38,7 @@ def bare(browser: Browser, address: str, built: Path) -> Iterator[Page]:
             "**/hof-client/**",
             lambda route: route.fulfill(path=built / "dist" / route.request.url.split("/hof-client/")[1]),
         )
-        page.goto(f"{address}/")
+        page.goto(f"{address}/embed")  # shows nothing
         yield page
 
 
@@ -53,6 +53,7 @@ def test_function_drawn_in_a_browser_gives_the_points_of_the_service(
     np.testing.assert_allclose(result["points"], result["expected"], rtol=0, atol=TOLERANCE)
 
 
-def test_photo_is_encoded_from_a_browser(bare: Page) -> None:
+def test_photo_is_encoded_from_a_browser(bare: Page, address: str) -> None:
+    bare.goto(f"{address}/")
     first, second = bare.evaluate(ENCODED)
     assert first == second

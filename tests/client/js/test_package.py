@@ -7,7 +7,8 @@ import pytest
 
 import service
 from hof_client import problems
-from tests.client.js.conftest import PACKAGE, Run
+from tests.client.js.conftest import Run
+from tests.support.systems.javascript import PACKAGE
 
 pytestmark = pytest.mark.system
 

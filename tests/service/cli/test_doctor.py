@@ -1,4 +1,4 @@
-"""`hof doctor` as a process, on complete and on faulty installations."""
+"""`hof doctor` on complete and on faulty installations: as a process where that matters, else within the tests'."""
 
 import asyncio
 import os
@@ -6,11 +6,13 @@ import shutil
 import socket
 import sqlite3
 import subprocess
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
 import pytest
 
+from service.cli.main import main
 from service.encoding.compiled import NOT_BUILT
 from service.storage import database
 from tests.service.mapping.engines import built_kernel, needs_kernel
@@ -19,44 +21,62 @@ from tests.support.processes import HOF, USER_WITHOUT_HOME
 from tests.support.systems.postgres import Postgres
 
 SCHEMAS = ROOT / "tests" / "service" / "storage" / "schemas"
+SUBJECTS = {"model", "matting", "database", "disk", "page", "keys", "threads", "kernel", "[otel]", "address"}
 TIMEOUT_S = 300
-pytestmark = pytest.mark.slow  # each test starts Python and loads the model
+pytestmark = pytest.mark.slow  # tests start Python and load the model
+
+Report = tuple[int, dict[str, tuple[str, str]]]  # exit status; state and message by subject
 
 
-def _doctor(folder: Path, model: Path, **settings: str) -> tuple[int, dict[str, tuple[str, str]]]:
-    """Run `hof doctor`; return its exit status and, by subject, the state and message of each check."""
-    environment = {
-        name: value for name, value in os.environ.items() if not name.startswith(("HOF_", "OTEL_", "U2NET_"))
-    }
-    environment |= {"PYTHONPATH": str(ROOT), "HOF_MODEL": str(model), "HOF_DATABASE_URL": f"sqlite:///{folder}/hof.db"}
-    environment |= {"HOF_PORT": "0", "U2NET_HOME": ""}
+def _doctor(folder: Path, model: Path, **settings: str) -> Report:
+    """Run `hof doctor` as a process."""
     run = subprocess.run(
         [HOF, "doctor"],
-        env=environment | settings,
+        env=_environment(folder, model, settings) | {"PYTHONPATH": settings.get("PYTHONPATH", str(ROOT))},
         cwd=folder,
         capture_output=True,
         text=True,
         timeout=TIMEOUT_S,
         check=False,
     )
-    assert run.stderr == ""
+    return _report(run.returncode, run.stdout, run.stderr)
+
+
+@pytest.fixture
+def doctor(
+    model_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> Callable[..., Report]:
+    """Return a function that runs `hof doctor` in this process, with the given variables, in the test's folder."""
+
+    def run(**settings: str) -> Report:
+        environment = _environment(tmp_path, model_path, settings)
+        for name in os.environ.keys() - environment.keys():
+            monkeypatch.delenv(name)
+        for name, value in environment.items():
+            monkeypatch.setenv(name, value)
+        monkeypatch.chdir(tmp_path)
+        status = main(["doctor"])
+        return _report(status, *capfd.readouterr())
+
+    return run
+
+
+def _environment(folder: Path, model: Path, settings: dict[str, str]) -> dict[str, str]:
+    """Return the variables of this process, with those of a service in place of those it has."""
+    inherited = {name: value for name, value in os.environ.items() if not name.startswith(("HOF_", "OTEL_", "U2NET_"))}
+    own = {"HOF_MODEL": str(model), "HOF_DATABASE_URL": f"sqlite:///{folder}/hof.db", "HOF_PORT": "0", "U2NET_HOME": ""}
+    return inherited | own | settings
+
+
+def _report(status: int, out: str, err: str) -> Report:
+    """Return the exit status and, by subject, the state and message of each check."""
+    assert err == ""
     findings = {}
-    for line in run.stdout.splitlines():
+    for line in out.splitlines():
         state, subject, message = line.split(maxsplit=2)
         findings[subject] = (state, message)
-    assert findings.keys() == {
-        "model",
-        "matting",
-        "database",
-        "disk",
-        "page",
-        "keys",
-        "threads",
-        "kernel",
-        "[otel]",
-        "address",
-    }
-    return run.returncode, findings
+    assert findings.keys() == SUBJECTS
+    return status, findings
 
 
 def test_doctor_of_a_complete_installation_is_ok(model_path: Path, tmp_path: Path, u2net_home: Path) -> None:
@@ -108,9 +128,11 @@ def test_doctor_of_a_broken_installation_names_each_fault(tmp_path: Path) -> Non
         ("mysql://u:secret@127.0.0.1/x", "invalid database URL"),
     ],
 )
-def test_doctor_of_an_unusable_database_fails(model_path: Path, tmp_path: Path, url: str, message: str) -> None:
+def test_doctor_of_an_unusable_database_fails(
+    doctor: Callable[..., Report], tmp_path: Path, url: str, message: str
+) -> None:
     asyncio.run(database.verify(f"sqlite:///{tmp_path}/hof.db"))  # creates hof.db
-    status, findings = _doctor(tmp_path, model_path, HOF_DATABASE_URL=url, HOF_HOST="0.0.0.0")
+    status, findings = doctor(HOF_DATABASE_URL=url, HOF_HOST="0.0.0.0")
     assert (status, findings["database"][0]) == (1, "fail")
     assert message in findings["database"][1]
     assert "secret" not in str(findings)
@@ -136,8 +158,8 @@ def test_command_of_a_user_without_home_says_which_setting_helps(command: str) -
     assert not Path("/~").exists()
 
 
-def test_doctor_creates_nothing(model_path: Path, tmp_path: Path) -> None:
-    status, findings = _doctor(tmp_path, model_path, HOF_DATABASE_URL=f"sqlite:///{tmp_path}/new/folder/hof.db")
+def test_doctor_creates_nothing(doctor: Callable[..., Report], tmp_path: Path) -> None:
+    status, findings = doctor(HOF_DATABASE_URL=f"sqlite:///{tmp_path}/new/folder/hof.db")
     assert (status, findings["database"][0]) == (0, "ok")
     assert "will be created" in findings["database"][1]
     assert list(tmp_path.iterdir()) == []
@@ -153,7 +175,7 @@ def test_doctor_creates_nothing(model_path: Path, tmp_path: Path) -> None:
     ],
 )
 def test_doctor_of_an_existing_database_changes_nothing(
-    model_path: Path, tmp_path: Path, schema: str, note: str
+    doctor: Callable[..., Report], tmp_path: Path, schema: str, note: str
 ) -> None:
     url = f"sqlite:///{tmp_path}/hof.db"
     if schema == "this version":
@@ -163,7 +185,7 @@ def test_doctor_of_an_existing_database_changes_nothing(
         with closing(sqlite3.connect(tmp_path / "hof.db")) as connection:
             connection.executescript(dump)
     before = _contents(tmp_path)
-    status, findings = _doctor(tmp_path, model_path)
+    status, findings = doctor()
     assert (status, findings["database"]) == (0, ("ok", f"{url} can be read and written{note}"))
     assert _contents(tmp_path) == before
 
@@ -172,22 +194,22 @@ def _contents(folder: Path) -> dict[str, tuple[bytes, int]]:
     return {path.name: (path.read_bytes(), path.stat().st_mtime_ns) for path in folder.iterdir()}
 
 
-def test_doctor_of_an_empty_postgres_creates_no_table(model_path: Path, tmp_path: Path, postgres: Postgres) -> None:
+def test_doctor_of_an_empty_postgres_creates_no_table(doctor: Callable[..., Report], postgres: Postgres) -> None:
     url = postgres.create()
-    status, findings = _doctor(tmp_path, model_path, HOF_DATABASE_URL=url)
+    status, findings = doctor(HOF_DATABASE_URL=url)
     assert (status, findings["database"][0]) == (0, "ok")
     assert "`hof serve` will create its tables" in findings["database"][1]
     name = url.rpartition("/")[2]
     assert postgres.run("SELECT count(*) FROM pg_tables WHERE schemaname = 'public'", name) == "0"
     postgres.run("CREATE ROLE guest LOGIN", name)
-    status, findings = _doctor(tmp_path, model_path, HOF_DATABASE_URL=url.replace("postgres@", "guest@"))
+    status, findings = doctor(HOF_DATABASE_URL=url.replace("postgres@", "guest@"))
     assert (status, findings["database"][0]) == (1, "fail")
     assert "may not create tables" in findings["database"][1]
 
 
-def test_doctor_with_a_port_in_use_fails_as_serve_does(model_path: Path, tmp_path: Path) -> None:
+def test_doctor_with_a_port_in_use_fails_as_serve_does(doctor: Callable[..., Report]) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
-        status, findings = _doctor(tmp_path, model_path, HOF_PORT=port)
+        status, findings = doctor(HOF_PORT=port)
     assert (status, findings["address"][0]) == (1, "fail")
     assert port in findings["address"][1]

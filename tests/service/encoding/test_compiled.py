@@ -1,7 +1,5 @@
 """The compiled loops over pixels against NumPy and Pillow, to the last bit."""
 
-import sys
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -10,9 +8,10 @@ from PIL import Image
 
 from service.encoding import compiled
 from service.encoding.compiled import Pixels
-from service.encoding.framing import Framing, preprocess
+from service.encoding.framing import Framing, over_white, preprocess
 from service.encoding.masks import matte_of
 from tests.support.photos import disc, image_file
+from tests.support.systems.modules import replace_module
 
 # Building takes a C compiler: where there was none, these tests are of the tier that needs programs.
 needs_pixels = pytest.mark.unit if compiled.load() else pytest.mark.system
@@ -90,6 +89,38 @@ def test_square_has_the_bits_of_pillow(size: int) -> None:
 
 
 @needs_pixels
+@pytest.mark.parametrize("size", [1, 7, 32])
+def test_square_around_transparent_pixels_has_the_bits_of_pillow(size: int) -> None:
+    image, dice = Image.fromarray(_noise(1, 200, 150, 3)), np.random.default_rng(size)
+    for _ in range(100):
+        alpha = np.zeros((150, 200), np.uint8)
+        top, left = (int(edge) for edge in dice.integers(0, 140, 2))
+        height, width = (int(side) for side in dice.integers(1, 60, 2))
+        alpha[top : top + height, left : left + width] = _noise(2, width, height, 1)[: 150 - top, : 200 - left, 0]
+        alpha[::7] = 0
+        side = int(dice.integers(size + 1, min(4 * size + 100, compiled.MOST_SUMMED * size)))
+        x, y = (int(edge) for edge in dice.integers(-20, 100, 2))
+        part = image.crop((x, y, x + side, y + side))
+        part.putalpha(Image.fromarray(alpha).crop((x, y, x + side, y + side)))
+        rgba, picture = np.full((size, size, 4), 99, np.uint8), compiled.picture_of(image)
+        assert picture is not None
+        _built().square(picture, alpha, x, y, side, rgba)
+        np.testing.assert_array_equal(rgba, np.asarray(part.resize((size, size), Image.Resampling.BOX)))
+
+
+@needs_pixels
+@pytest.mark.parametrize("side", [1, 5, 64, 160])
+def test_over_white_has_the_bits_of_numpy(side: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    _built()
+    image = Image.fromarray(_noise(side, side, side, 4))
+    tensor = over_white(image)
+    monkeypatch.setattr(compiled, "load", lambda: None)
+    plain = over_white(image)
+    assert tensor.shape == plain.shape == (1, 3, side, side)
+    assert tensor.tobytes() == plain.tobytes()
+
+
+@needs_pixels
 @pytest.mark.parametrize("size", [1, 4])
 @pytest.mark.parametrize("less", [0, 1, 130])
 def test_square_of_as_many_pixels_as_16_bits_can_sum_has_the_bits_of_pillow(size: int, less: int) -> None:
@@ -162,6 +193,8 @@ MATTE = np.zeros((20, 30), np.uint8)
         ("square", (_picture(30, 20), MATTE, 0, 0, 2057, np.zeros((8, 8, 4), np.uint8)), "side is 2057"),
         ("square", (_picture(30, 20), MATTE, 2**40, 0, 9, np.zeros((8, 8, 4), np.uint8)), "more than 16777216 pixels"),
         ("square", (_picture(30, 20), MATTE, 0, 0, 9, np.zeros((8, 7, 4), np.uint8)), "rgba has length 7"),
+        ("over_white", (np.zeros((8, 8, 3), np.uint8), np.zeros((3, 8, 8), np.float32)), "rgba has length 3"),
+        ("over_white", (np.zeros((8, 8, 4), np.uint8), np.zeros((3, 8, 7), np.float32)), "planes has length 7"),
         ("square", (_picture(29, 20), MATTE, 0, 0, 9, np.zeros((8, 8, 4), np.uint8)), "does not have 600 pixels"),
     ],
 )
@@ -172,8 +205,5 @@ def test_wrong_arguments_raise_value_error(function: str, arguments: tuple[Any, 
 
 @pytest.mark.parametrize("version", [None, compiled.VERSION - 1, compiled.VERSION + 1])
 def test_load_of_another_version_gives_none(version: int | None, monkeypatch: pytest.MonkeyPatch) -> None:
-    pixels = ModuleType(compiled.NAME)
-    if version is not None:
-        pixels.__dict__["VERSION"] = version
-    monkeypatch.setitem(sys.modules, compiled.NAME, pixels)
+    replace_module(monkeypatch, compiled.NAME, version)
     assert compiled.load.__wrapped__() is None

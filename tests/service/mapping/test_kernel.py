@@ -6,7 +6,7 @@ import pytest
 from service.mapping import compiled
 from service.mapping.canonical import span
 from service.mapping.compiled import Kernel
-from service.mapping.folding import CompiledFold, Fold, NumpyFold
+from service.mapping.folding import MARGIN, CompiledFold, Fold, NumpyFold
 from service.mapping.spec import Array, MappingSpec, initial_theta
 from tests.service.mapping.engines import built_kernel, instruction_sets, needs_kernel, weights
 
@@ -93,6 +93,32 @@ def test_uniform_gives_the_bits_of_numpys_philox(seed: int, low: int, monkeypatc
     points = span("cube", seed, low, low + 4_096)
     monkeypatch.setattr(compiled, "load", lambda: None)
     assert span("cube", seed, low, low + 4_096).tobytes() == points.tobytes()
+
+
+@pytest.mark.parametrize("width", [1, 31, 32, 500])
+@pytest.mark.parametrize("grid", [1, 2, 5])
+def test_cut_finds_the_cells_of_numpy(width: int, grid: int, instructions: int) -> None:
+    expected, fold, step = fold_of(width, grid), fold_of(width, grid), 2 * BOX / grid
+    fold.affine[:], fold.crossing[:] = np.nan, False
+    sides = (-BOX).astype(np.float32), step.astype(np.float32), ((0.5 + MARGIN) * step).astype(np.float32)
+    second = np.ascontiguousarray(fold.second)
+    built_kernel().cut(fold.first, second, grid, *sides, fold.affine, fold.crossing, instructions)
+    np.testing.assert_array_equal(fold.crossing[:-1], expected.crossing[:-1])
+    assert not fold.crossing[-1].any()  # outside the box nothing changes
+    assert np.isnan(fold.affine[-1]).all()
+    bias = expected.affine[-1, :, 3]
+    np.testing.assert_allclose(fold.affine[:-1, :, 3] + bias, expected.affine[:-1, :, 3], rtol=0, atol=1e-5)
+    np.testing.assert_allclose(fold.affine[:-1, :, :3], expected.affine[:-1, :, :3], rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_cut_of_weights_that_are_not_finite_leaves_the_unit_to_compute(bad: float) -> None:
+    spec = MappingSpec("one layer", 3, (40,), 3)
+    theta = initial_theta(spec)
+    theta[:3] = bad  # of one hidden unit
+    fold = Fold(spec, theta, -BOX, BOX, 2, built_kernel())
+    assert fold.crossing[:, 0].all()
+    assert np.isfinite(fold.affine).all()
 
 
 def test_pack_writes_the_units_of_each_cell() -> None:

@@ -1,8 +1,6 @@
 """Arguments that the compiled kernel refuses, and versions of it that are not used."""
 
-import sys
 from collections.abc import Iterator
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -11,6 +9,7 @@ import pytest
 from service.mapping import compiled
 from service.mapping.spec import Array
 from tests.service.mapping.engines import built_kernel, needs_kernel
+from tests.support.systems.modules import replace_module
 
 pytestmark = needs_kernel
 
@@ -27,6 +26,15 @@ def good() -> dict[str, Any]:
         "affine": np.zeros((2, 3, 4), np.float32),
         "y": np.zeros((3, 4), np.float32),
     }
+
+
+def cut_arguments(
+    grid: int = 1, second: tuple[int, int] = (3, 5), crossing: tuple[int, int] = (2, 5)
+) -> tuple[Any, ...]:
+    """Return arguments of `cut` for a network of five units."""
+    side = np.ones(3, np.float32)
+    outputs = np.zeros((2, 3, 4), np.float32), np.zeros(crossing, np.bool_)
+    return np.zeros((5, 4), np.float32), np.zeros(second, np.float32), grid, side, side, side, *outputs
 
 
 def read_only() -> Array:
@@ -96,6 +104,12 @@ def network_arguments(
         ("pack", ((2, 3), (3, 7), 3, (7, 7)), "packed has 7 rows; 6 are needed"),
         ("pack", ((2, 3), (4, 7), 3, (6, 7)), "units has length 4"),
         ("pack", ((2, 3), (3, 7), 2, (6, 7)), "starts has length 2"),
+        ("cut", cut_arguments(grid=-1), "grid is -1; 0 to 256 is needed"),
+        ("cut", cut_arguments(grid=257), "grid is 257; 0 to 256 is needed"),
+        ("cut", cut_arguments(grid=2), "affine has length 2 in dimension 0; 9 is needed"),
+        ("cut", cut_arguments(second=(3, 6)), "second has length 6 in dimension 1; 5 is needed"),
+        ("cut", cut_arguments(crossing=(2, 6)), "crossing has length 6 in dimension 1; 5 is needed"),
+        ("cut", (*cut_arguments(), 3), "there is no instruction set 3 on this processor"),
     ],
 )
 def test_wrong_arguments_raise_value_error(function: str, arguments: tuple[Any, ...], message: str) -> None:
@@ -109,7 +123,7 @@ def test_wrong_arguments_raise_value_error(function: str, arguments: tuple[Any, 
 
 def test_wrong_number_of_arguments_raises_type_error() -> None:
     kernel: Any = built_kernel()
-    for function in (kernel.map, kernel.network, kernel.pack, kernel.uniform):
+    for function in (kernel.map, kernel.network, kernel.cut, kernel.pack, kernel.uniform):
         with pytest.raises(TypeError):
             function()
 
@@ -125,16 +139,11 @@ def fresh() -> Iterator[None]:
 @pytest.mark.usefixtures("fresh")
 @pytest.mark.parametrize("version", [None, compiled.VERSION - 1, compiled.VERSION + 1])
 def test_load_of_a_kernel_of_another_version_gives_none(version: int | None, monkeypatch: pytest.MonkeyPatch) -> None:
-    kernel = ModuleType(compiled.NAME)
-    if version is not None:
-        kernel.__dict__["VERSION"] = version
-    monkeypatch.setitem(sys.modules, compiled.NAME, kernel)
+    replace_module(monkeypatch, compiled.NAME, version)
     assert compiled.load() is None
 
 
 @pytest.mark.usefixtures("fresh")
 def test_load_of_a_kernel_of_this_version_gives_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    kernel = ModuleType(compiled.NAME)
-    kernel.__dict__["VERSION"] = compiled.VERSION
-    monkeypatch.setitem(sys.modules, compiled.NAME, kernel)
+    kernel = replace_module(monkeypatch, compiled.NAME, compiled.VERSION)
     assert compiled.load() is kernel

@@ -1,10 +1,11 @@
 import asyncio
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, nullcontext, suppress
 
 import pytest
 
 from service.errors import InvalidModel, InvalidParameter, Overloaded
-from service.runtime.admission import ClientLeft, Gate
+from service.runtime.admission import ClientLeft, Gate, Gates
+from service.settings import POINTS_PER_CPU, Settings
 
 
 def test_gate_when_empty_admits_any_amount_and_when_full_none() -> None:
@@ -16,6 +17,30 @@ def test_gate_when_empty_admits_any_amount_and_when_full_none() -> None:
     with gate.admit(6), gate.admit(4), pytest.raises(Overloaded), gate.admit(1):
         pass
     assert (gate.held, gate.finished, gate.refused) == (0, 3, 3)
+
+
+def test_gate_with_a_bound_on_requests_lets_small_work_in_beside_a_large_one() -> None:
+    gate = Gate("points", 100, largest=75)
+    with gate.admit(25, "a"), gate.admit(1_000, "b"):
+        assert gate.held == 100
+        with pytest.raises(Overloaded), gate.admit(1, "c"):
+            pass
+    with gate.admit(1_000, "b"), gate.admit(25, "a"), pytest.raises(Overloaded), gate.admit(1_000, "c"):
+        pass
+    with gate.admit(26, "a"), pytest.raises(Overloaded), gate.admit(1_000, "b"):
+        pass
+    with gate.admit() as work:
+        work.grow_to(1_000)
+        assert gate.held == 75
+    assert gate.held == 0
+
+
+@pytest.mark.parametrize("limit", [1, 2, 3, POINTS_PER_CPU])
+def test_points_gate_of_any_limit_admits_the_largest_request_beside_a_quarter_of_others(limit: int) -> None:
+    gate = Gates.of(Settings(max_points_in_flight=limit)).points
+    others = limit // 4
+    with gate.admit(others, "a") if others else nullcontext(), gate.admit(10**12, "b"):
+        assert gate.held <= limit
 
 
 def test_gate_work_that_grows_needs_room_beside_the_others() -> None:

@@ -3,7 +3,6 @@
 import asyncio
 import sqlite3
 import subprocess
-import sys
 import threading
 from collections.abc import Callable
 from contextlib import closing
@@ -13,10 +12,12 @@ from pathlib import Path
 import pytest
 from sqlalchemy import Connection
 
+from service.errors import UnusableStore
 from service.mapping.spec import HOF_1, Functions, initial_theta
-from service.storage.database import connect
+from service.storage.database import connect, verify
 from service.storage.rows import Record
 from service.storage.sqlite import SQLITE_CONNECTIONS
+from tests.support.processes import HOF
 from tests.support.small.store import NOW, open_store
 from tests.support.systems.postgres import Postgres
 
@@ -133,11 +134,14 @@ def _make_folder(path: Path) -> None:
 BACKUP = "restore a backup"
 
 
-@pytest.mark.server
+def _text(path: Path) -> None:
+    path.write_text("no database" * 1000)
+
+
 @pytest.mark.parametrize(
     ("damage", "query", "reason", "remedy"),
     [
-        (lambda path: path.write_text("no database" * 1000), "", "file is not a database", BACKUP),
+        (_text, "", "file is not a database", BACKUP),
         (lambda path: _overwrite(path, 0, bytes(200)), "", "file is not a database", BACKUP),
         (_cut, "", "malformed", BACKUP),
         (lambda path: _overwrite(path, 8192, b"\xff" * 4096), "", "", BACKUP),
@@ -147,32 +151,41 @@ BACKUP = "restore a backup"
     ],
     ids=["text", "header", "cut", "third page", "middle page", "folder", "read-only"],
 )
-def test_serve_with_a_damaged_file_is_refused_in_one_line_with_a_remedy(
-    damage: Callable[[Path], None],
-    query: str,
-    reason: str,
-    remedy: str,
-    tmp_path: Path,
-    model_path: Path,
+def test_verify_of_a_damaged_file_raises_in_one_line_with_a_remedy(
+    damage: Callable[[Path], None], query: str, reason: str, remedy: str, tmp_path: Path
 ) -> None:
     path = tmp_path / "hof.db"
     asyncio.run(_put(f"sqlite:///{path}", 7))
     damage(path)
-    url = f"sqlite:///{'file:' if query else ''}{path}{query}"
-    command = [str(Path(sys.executable).with_name("hof")), "serve", "--port", "0"]
+    with pytest.raises(UnusableStore) as caught:
+        asyncio.run(verify(f"sqlite:///{'file:' if query else ''}{path}{query}"))
+    detail = caught.value.detail
+    assert detail.startswith("cannot open the database sqlite:///")
+    assert "\n" not in detail
+    assert reason in detail
+    assert remedy in detail
+    assert {each.name[:6] for each in tmp_path.iterdir()} == {"hof.db"}  # no other file was created
+
+
+@pytest.mark.server
+@pytest.mark.parametrize("damage", [_text, _cut, _make_folder])
+def test_serve_with_a_damaged_file_is_refused_with_what_verify_says(
+    damage: Callable[[Path], None], tmp_path: Path, model_path: Path
+) -> None:
+    path = tmp_path / "hof.db"
+    asyncio.run(_put(f"sqlite:///{path}", 7))
+    damage(path)
+    with pytest.raises(UnusableStore) as caught:
+        asyncio.run(verify(f"sqlite:///{path}"))
     run = subprocess.run(
-        [*command, "--model", str(model_path), "--database-url", url],
+        [HOF, "serve", "--port=0", f"--model={model_path}", f"--database-url=sqlite:///{path}"],
         capture_output=True,
         text=True,
         timeout=60,
         cwd=tmp_path,
     )
-    assert run.returncode == 2, run.stderr
-    assert run.stderr.startswith("hof: cannot open the database sqlite:///")
-    assert run.stderr.count("\n") == 1
-    assert reason in run.stderr
-    assert remedy in run.stderr
-    assert {each.name[:6] for each in tmp_path.iterdir()} == {"hof.db"}  # no other file was created
+    assert (run.returncode, run.stderr) == (2, f"hof: {caught.value.detail}\n")
+    assert {each.name[:6] for each in tmp_path.iterdir()} == {"hof.db"}
 
 
 def test_connect_to_an_intact_file_keeps_its_objects(tmp_path: Path) -> None:

@@ -249,6 +249,9 @@ def test_surface_in_color_is_shown_and_saved_so_unless_switched_off(page_in_colo
 
 
 def test_download_equals_the_file_of_the_curl_line(page: Page, tmp_path: Path) -> None:
+    chair = page.locator("#gallery li:has(.mix)").last  # is drawn in half the time
+    chair.locator(".open").click()
+    expect(page.locator('.curl[data-of="download"] code')).to_contain_text(chair.get_attribute("data-id") or "?")
     options = page.locator("#format option")
     for index in range(options.count()):
         page.locator("#format").select_option(index=index)

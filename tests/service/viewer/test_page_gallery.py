@@ -2,6 +2,7 @@
 
 import asyncio
 import re
+from collections import defaultdict
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -10,7 +11,7 @@ import pytest
 from playwright.sync_api import Browser, Page, Route, ViewportSize, expect
 
 from service.settings import SHIPPED_MODEL, Settings
-from tests.support.browsing import PICTURES, TIMEOUT_MS
+from tests.support.browsing import FRAMES, PICTURES, TIMEOUT_MS
 from tests.support.server import running
 from tests.support.small.store import open_store, pair_of
 
@@ -20,6 +21,7 @@ MOST_FILLED = 160  # cards that have more than a name
 MOST_PICTURES = 250  # that are fetched on a fast way down
 FRAME_S = 0.15  # of script, style and layout for each frame, on a busy machine
 NODES = 12_000  # of the whole page
+MOST_TRIES = 6  # of a call: TRIES of js/api.js
 REFUSED_S = 2.5  # to wait after a refused call; the service itself asks for whole seconds
 
 NOTE_NOTICES = """
@@ -28,6 +30,21 @@ NOTE_NOTICES = """
         const shown = changes.map(({ target }) => target).filter((target) => target.id === "notice" && !target.hidden);
         notices.push(...shown.map((target) => target.textContent));
     }).observe(document, { subtree: true, attributes: true, attributeFilter: ["hidden"] });
+"""
+
+NOTE_PROBLEMS = NOTE_NOTICES.replace("notices", "problems").replace('"notice"', '"problem"')
+COUNT_BLOBS = """
+    globalThis.blobs = new Set();
+    const [create, revoke] = [URL.createObjectURL, URL.revokeObjectURL];
+    URL.createObjectURL = (blob) => {
+        const address = create.call(URL, blob);
+        blobs.add(address);
+        return address;
+    };
+    URL.revokeObjectURL = (address) => {
+        blobs.delete(address);
+        revoke.call(URL, address);
+    };
 """
 
 TO_THE_END = """async (objects) => {
@@ -165,3 +182,54 @@ def test_gallery_pictures_wait_for_the_object_on_the_stage_and_are_tried_again_i
     assert [notice for notice in notices if f"in {REFUSED_S} s" in notice] == []
     first = next(index for index, path in enumerate(paths) if "size=240" in path)
     assert any("/mesh?" in path for path in paths[:first])
+
+
+def test_card_that_the_service_is_too_busy_for_gets_its_pictures_later_without_an_error(
+    browser: Browser, address: str
+) -> None:
+    refused: dict[str, int] = defaultdict(int)
+
+    def refuse_often(route: Route) -> None:
+        refused[route.request.url] += 1
+        if refused[route.request.url] > MOST_TRIES:
+            route.continue_()
+        else:
+            route.fulfill(status=503, headers={"Retry-After": "1"}, body="{}")
+
+    with browser.new_context(reduced_motion="reduce") as context:
+        page = context.new_page()
+        page.set_default_timeout(TIMEOUT_MS)
+        page.add_init_script(NOTE_PROBLEMS)
+        page.route("**/picture?size=240&*", refuse_often)
+        page.goto(f"{address}/")
+        page.locator("#gallery").scroll_into_view_if_needed()
+        expect(page.locator("#gallery li img").first).to_have_attribute("src", re.compile("^blob:"), timeout=TIMEOUT_MS)
+        assert max(refused.values()) > MOST_TRIES
+        assert page.evaluate("problems") == []
+
+
+def test_pictures_of_a_card_whose_photo_is_missing_leave_no_blob(browser: Browser, address: str) -> None:
+    with browser.new_context(reduced_motion="reduce") as context:
+        page = context.new_page()
+        page.set_default_timeout(TIMEOUT_MS)
+        page.add_init_script(COUNT_BLOBS)
+        page.route("**/objects/*/photo", lambda route: route.fulfill(status=404, body="{}"))
+        page.route("**/objects?*", _with_photos)
+        finished: list[str] = []
+        page.on("requestfinished", lambda request: finished.append(request.url))
+        page.goto(f"{address}/")
+        page.locator("#gallery").scroll_into_view_if_needed()
+        expect(page.locator("#problem")).to_be_visible(timeout=TIMEOUT_MS)
+        while sum("size=240" in url for url in finished) < 2:  # the pictures of both cards
+            page.wait_for_timeout(10)
+        page.evaluate(FRAMES)
+        assert page.evaluate("blobs.size") == page.locator('img[src^="blob:"]').count()
+
+
+def _with_photos(route: Route) -> None:
+    """Answer a list of objects as if each had a photo."""
+    answer = route.fetch()
+    body = answer.json()
+    for item in body["items"]:
+        item["links"]["photo"] = f"{item['links']['self']}/photo"
+    route.fulfill(response=answer, json=body)

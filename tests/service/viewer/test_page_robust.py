@@ -9,7 +9,7 @@ import pytest
 from playwright.sync_api import Browser, Page, Route, expect
 
 from service.api.routes import viewer
-from tests.support.browsing import FRAMES, PICTURES, TIMEOUT_MS, TRIANGLES, first, hold, photo, release
+from tests.support.browsing import FRAMES, PICTURES, TRIANGLES, first, hold, photo, release, wait_long
 
 LANGUAGES = json.loads(
     (viewer.STATIC / "js" / "languages.js").read_text("utf-8").partition("LANGUAGES = ")[2].rstrip().rstrip(";")
@@ -17,15 +17,7 @@ LANGUAGES = json.loads(
 
 
 def test_photo_that_is_chosen_last_wins(page: Page) -> None:
-    held: list[Route] = []
-
-    def hold_first(route: Route) -> None:
-        if held:
-            route.continue_()
-        else:
-            held.append(route)
-
-    page.route("**/encode?*", hold_first)
+    held = hold(page, "**/encode?*", count=1)
     page.get_by_role("button", name="Bed").click()
     expect(page.locator("#working")).to_be_visible()
     page.get_by_role("button", name="Barrel").click()
@@ -44,8 +36,7 @@ def test_photo_that_is_chosen_before_the_gallery_arrives_is_not_covered(
     newest = httpx.post(f"{address}/encode", content=photo("chair").read_bytes(), timeout=60).json()
     with browser.new_context(reduced_motion="reduce") as context:
         page = context.new_page()
-        page.set_default_timeout(TIMEOUT_MS)
-        expect.set_options(timeout=TIMEOUT_MS)
+        wait_long(page)
         lists, encodings = hold(page, "**/objects?*"), hold(page, "**/encode?*")
         page.goto(f"{address}/")
         listing = first(page, lists)

@@ -7,7 +7,7 @@ from typing import Literal
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from tests.support.browsing import PICTURES, TIMEOUT_MS, TRIANGLES, first, hold, inked, release
+from tests.support.browsing import PICTURES, TRIANGLES, first, hold, inked, release, wait_long
 
 THREE = "**/three/**"
 PICTURE = "**/picture?size={320,512}&*"  # of the stage; the gallery's are smaller
@@ -34,8 +34,7 @@ def blank(browser: Browser) -> Iterator[Page]:
     """Return a page without an address; no script may fail while a test uses it."""
     with browser.new_context(viewport={"width": 1280, "height": 1000}, reduced_motion="reduce") as context:
         page = context.new_page()
-        page.set_default_timeout(TIMEOUT_MS)
-        expect.set_options(timeout=TIMEOUT_MS)
+        wait_long(page)
         faults: list[str] = []
         page.on("pageerror", lambda error: faults.append(str(error)))
         yield page

@@ -10,9 +10,11 @@ const BUSY = [429, 503];
 const TRIES = 6; // of a call that the service is too busy for
 const MAX_WAIT_S = 60;
 
+export const HAS_ADDRESSES = true; // of files, which other apps can fetch
+
 const PCD_HEAD_ENDS = "DATA binary\n";
 
-/** An error answer of the service (RFC 9457). */
+/** An error answer of the service (RFC 9457); `isBusy`: the service was too busy, however often it was tried. */
 export class Problem extends Error {
   constructor(title, detail) {
     super(detail);
@@ -46,9 +48,10 @@ async function wait(retryAfter, signal, isQuiet) {
 
 async function problemOf(answer) {
   const isProblem = answer.headers.get("Content-Type")?.startsWith("application/problem+json");
-  if (!isProblem) return new Problem(text("error", { status: answer.status }), answer.statusText);
+  const isBusy = BUSY.includes(answer.status);
+  if (!isProblem) return Object.assign(new Problem(text("error", { status: answer.status }), answer.statusText), { isBusy });
   const { title, detail } = await answer.json();
-  return new Problem(title, detail);
+  return Object.assign(new Problem(title, detail), { isBusy });
 }
 
 /** Send a call, with a key if one is needed; return its answer, whatever its status. */

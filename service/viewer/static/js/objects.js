@@ -19,6 +19,21 @@ export function filePath(object, of, query) {
   return `objects/${object.id}/${of}?${new URLSearchParams(query)}`;
 }
 
+/** Wait for the addresses of blobs: for all, or for none, since one that nobody gets would stay in memory. */
+export async function allOrNone(fetches) {
+  const results = await Promise.allSettled(fetches);
+  const failure = results.find(({ status }) => status === "rejected");
+  const addresses = results.map(({ value }) => value);
+  if (!failure) return addresses;
+  revoke(addresses);
+  throw failure.reason;
+}
+
+/** Give up the blobs of addresses; undefined is none. */
+export function revoke(addresses) {
+  for (const address of addresses) if (address) URL.revokeObjectURL(address);
+}
+
 /** Bytes of one point of the object in a stream. */
 export function bytesPerPoint(object) {
   return object.color ? BYTES_PER_COLORED_POINT : BYTES_PER_POINT;

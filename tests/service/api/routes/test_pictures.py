@@ -13,7 +13,7 @@ from PIL import Image, ImageSequence
 from service.drawing.cloud import GROUND
 from service.formats.picture import PICTURE_FORMATS
 from service.runtime.pictures import CAMERAS
-from service.settings import Settings
+from service.settings import POINTS_PER_CPU, Settings
 from tests.support.server import check_refused, running
 from tests.support.slow import until
 
@@ -113,13 +113,24 @@ def test_picture_with_an_unsatisfiable_accept_or_id_is_refused(client: httpx.Cli
 
 
 def test_picture_while_the_points_gate_is_full_answers_429(settings: Settings, photo: bytes) -> None:
-    with running(settings) as server, httpx.Client(base_url=f"http://127.0.0.1:{server.port}", timeout=60) as client:
+    limited = settings.model_copy(update={"max_points_in_flight": 1_000_000})
+    with running(limited) as server, httpx.Client(base_url=f"http://127.0.0.1:{server.port}", timeout=60) as client:
         path = f"{client.post('/encode', content=photo).json()['links']['self']}/picture"
         app: Any = server.config.app
         gate = app.state.gates.points
-        with gate.admit(settings.max_points_in_flight):
+        with gate.admit(limited.max_points_in_flight):
             answer = client.get(path)
         assert answer.status_code == 429
         assert int(answer.headers["retry-after"]) >= 1
         assert client.get(path).status_code == 200
         until(lambda: gate.held == 0)  # the gate is left after the answer's last byte
+
+
+def test_picture_of_the_largest_size_is_drawn_on_one_cpu_beside_others(settings: Settings, photo: bytes) -> None:
+    limited = settings.model_copy(update={"max_points_in_flight": POINTS_PER_CPU})
+    with running(limited) as server, httpx.Client(base_url=f"http://127.0.0.1:{server.port}", timeout=60) as client:
+        path = f"{client.post('/encode', content=photo).json()['links']['self']}/picture"
+        app: Any = server.config.app
+        with app.state.gates.points.admit(POINTS_PER_CPU // 4, "another client"):
+            assert client.get(f"{path}?size=512").status_code == 200
+            assert client.get(f"{path}?size=513").status_code == 422

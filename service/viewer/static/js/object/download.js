@@ -3,7 +3,7 @@ import { fetchFile } from "../api.js";
 import { showCurl } from "./curl.js";
 import { filePath } from "../objects.js";
 import { attempt } from "../problem.js";
-import { hideAr, showAr, startAr } from "./ar.js";
+import { hideAr, showAr, startAr } from "./ar/button.js";
 import { hideEmbedding, showEmbedding, startEmbedding } from "./embed.js";
 
 const form = document.getElementById("download");
@@ -13,9 +13,9 @@ const line = document.querySelector('.curl[data-of="download"]');
 const STILL = { size: 512 };
 const TURNING = { size: 320, frames: 24 };
 
-let chosen; // returns {object, points: {n, seed}, inColor}
+let chosen; // returns {object, points: {n, seed}, inColor, stage}
 
-/** Set up the menu; `shown` returns the object and its options: {object, points: {n, seed}, inColor}. */
+/** Set up the menu; `shown` returns the object, its options and the stage: {object, points: {n, seed}, inColor, stage}. */
 export function startDownloads(shown) {
   chosen = shown;
   startAr(shown);

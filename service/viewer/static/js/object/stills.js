@@ -1,5 +1,6 @@
 // Pictures of objects: until the stage has drawn them, and instead of it where it cannot open.
 import { fetchPicture } from "../api.js";
+import { allOrNone, revoke } from "../objects.js";
 import { isDark } from "../stage/colors.js";
 
 const SIDE = 512; // of a picture instead of the stage, pixels
@@ -15,8 +16,8 @@ export async function showStills(objects, side = SIDE) {
   fetching.abort();
   fetching = new AbortController();
   const { signal } = fetching;
-  const addresses = await Promise.all(objects.map((object) => fetchPicture(object, side, { signal })));
-  if (signal.aborted) addresses.forEach((address) => URL.revokeObjectURL(address));
+  const addresses = await allOrNone(objects.map((object) => fetchPicture(object, side, { signal })));
+  if (signal.aborted) revoke(addresses);
   signal.throwIfAborted();
   forget();
   box.replaceChildren(...addresses.map((src) => Object.assign(new Image(), { src, alt: "" })));
@@ -49,6 +50,6 @@ export function hideStills() {
 
 /** Give up the pictures that were shown. */
 function forget() {
-  for (const image of box.children) URL.revokeObjectURL(image.src);
+  revoke([...box.children].map((image) => image.src));
   box.replaceChildren();
 }

@@ -179,7 +179,7 @@ function pointsPerCloud() {
 /** What a download would save: the object that is shown alone, and how. */
 function chosen() {
   const points = { n: pointsPerCloud(), seed: seed.value };
-  return { object: clouds[0].object, points, inColor: color.checked };
+  return { object: clouds[0].object, points, inColor: color.checked, stage };
 }
 
 /** Fetch the points or surfaces that are missing. Resolves when they are there, or no longer wanted. */

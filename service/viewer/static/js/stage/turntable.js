@@ -28,8 +28,14 @@ export class Turntable {
     this.controls.autoRotate = false;
   }
 
+  /** Hold still while something else has the screen; then go on. */
+  hold(isHeld) {
+    this.isHeld = isHeld;
+    this.#next();
+  }
+
   #next() {
-    if (!this.controls.autoRotate || !this.isSeen) return;
+    if (!this.controls.autoRotate || !this.isSeen || this.isHeld) return;
     const asked = performance.now();
     this.frame ??= requestAnimationFrame((now) => {
       this.frame = undefined;
