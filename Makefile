@@ -23,7 +23,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo serve static check quick test lint bench load soak replicas results paper gpu-check openapi lock clean
+.PHONY: help demo serve static check quick tools test lint bench load soak replicas results paper gpu-check openapi lock clean
 
 demo serve: export U2NET_HOME ?= $(dir $(MATTING))
 
@@ -47,7 +47,9 @@ check: lint quick ## lint and the quick tests; needs Python alone
 quick: .venv/dev.stamp ## tests of the tier unit that are not slow; needs Python alone
 	OMP_NUM_THREADS=1 $(BIN)/pytest -n auto --dist worksteal -m 'unit and not slow'
 
-test: .venv/dev.stamp .venv/system.stamp .venv/s3/stamp $(BUNDLE) $(GLTF) $(PAGE_TOOLS) $(JS) $(MATTING) ## all tests
+tools: .venv/dev.stamp .venv/system.stamp .venv/s3/stamp $(BUNDLE) $(GLTF) $(PAGE_TOOLS) $(JS) $(MATTING)
+
+test: tools ## all tests
 	OMP_NUM_THREADS=1 $(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder
 
 lint: .venv/dev.stamp ## style, types, layers of the code, Dockerfile
