@@ -43,7 +43,7 @@ class Figures:
 def measure(core: int, rounds: int) -> Figures:
     """Start `hof serve` with one worker thread on `core` and measure it from another core."""
     os.sched_setaffinity(0, others(core))
-    ready_s = np.array([_ready_s(core) for _ in range(rounds)])
+    ready_s = [_ready_s(core) for _ in range(rounds - 1)]
     encoder, pictures = Encoder.open(SHIPPED_MODEL, threads=1), photos()
     images = np.repeat(encoder.blank(), CLIENTS, axis=0)
     repeated = next(pictures)
@@ -52,7 +52,9 @@ def measure(core: int, rounds: int) -> Figures:
         for _ in range(CALLS // CLIENTS):
             encoder.encode(images)
 
+    start = time.perf_counter()
     with serving(hof(threads=1), {core}) as (url, pid), ThreadPoolExecutor(CLIENTS) as pool:
+        ready_s.append(time.perf_counter() - start)
         idle = status_bytes(pid, "VmRSS")
         client = httpx.Client(base_url=url, timeout=60)
         calls: dict[str, Callable[[], object]] = {
@@ -69,7 +71,7 @@ def measure(core: int, rounds: int) -> Figures:
             row.append(_processor_s(time.process_time, alone))
             table.append(row)
         live, repeat, new, encode = np.array(table).T
-        return Figures(live, repeat, new, encode, ready_s, idle)
+        return Figures(live, repeat, new, encode, np.array(ready_s), idle)
 
 
 def _ready_s(core: int) -> float:
