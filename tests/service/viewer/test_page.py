@@ -2,7 +2,6 @@
 
 import io
 import json
-import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -246,23 +245,6 @@ def test_surface_in_color_is_shown_and_saved_so_unless_switched_off(page_in_colo
     page.locator("#format").select_option("safetensors")
     page.get_by_label("Color").uncheck()
     assert "color" not in curl_line(page, "download")
-
-
-def test_download_equals_the_file_of_the_curl_line(page: Page, tmp_path: Path) -> None:
-    chair = page.locator("#gallery li:has(.mix)").last  # is drawn in half the time
-    chair.locator(".open").click()
-    expect(page.locator('.curl[data-of="download"] code')).to_contain_text(chair.get_attribute("data-id") or "?")
-    options = page.locator("#format option")
-    for index in range(options.count()):
-        page.locator("#format").select_option(index=index)
-        with page.expect_download() as saved:
-            page.get_by_role("button", name="Download").click()
-        assert re.fullmatch(r"hof-[0-9a-f]{32}\.\w+", saved.value.suggested_filename)
-        folder = tmp_path / str(index)
-        folder.mkdir()
-        run(curl_line(page, "download"), folder)
-        (fetched,) = folder.iterdir()
-        assert fetched.read_bytes() == Path(saved.value.path()).read_bytes(), fetched.name
 
 
 def test_surface_switch_shows_the_surface_and_back_the_points(page: Page, tmp_path: Path) -> None:

@@ -1,9 +1,10 @@
-"""The page in Chromium: augmented reality, as a phone would be asked for it, and the row of the download menu."""
+"""The page in Chromium: augmented reality, as a phone would be asked for it, and the download menu."""
 
 import json
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
@@ -11,7 +12,7 @@ import httpx
 import pytest
 from playwright.sync_api import Browser, Page, Route, ViewportSize, expect
 
-from tests.support.browsing import PICTURES, QUICK_LOOK, TIMEOUT_MS, TRIANGLES
+from tests.support.browsing import PICTURES, QUICK_LOOK, TIMEOUT_MS, TRIANGLES, curl_line, run
 from tests.support.usd import check_valid
 
 ANDROID = (
@@ -116,3 +117,20 @@ def test_controls_of_an_object_stay_within_their_row(browser: Browser, address: 
             page.locator(".below").screenshot(path=PICTURES / f"controls-{width}.png")
             outside = page.locator(".below").evaluate(OUTSIDE)
             assert outside == [], width
+
+
+def test_download_equals_the_file_of_the_curl_line(page: Page, tmp_path: Path) -> None:
+    chair = page.locator("#gallery li:has(.mix)").last  # is drawn in half the time
+    chair.locator(".open").click()
+    expect(page.locator('.curl[data-of="download"] code')).to_contain_text(chair.get_attribute("data-id") or "?")
+    options = page.locator("#format option")
+    for index in range(options.count()):
+        page.locator("#format").select_option(index=index)
+        with page.expect_download() as saved:
+            page.get_by_role("button", name="Download").click()
+        assert re.fullmatch(r"hof-[0-9a-f]{32}\.\w+", saved.value.suggested_filename)
+        folder = tmp_path / str(index)
+        folder.mkdir()
+        run(curl_line(page, "download"), folder)
+        (fetched,) = folder.iterdir()
+        assert fetched.read_bytes() == Path(saved.value.path()).read_bytes(), fetched.name
