@@ -23,7 +23,7 @@ NOT_BUILT: Final = (
     "no compiled kernel of this version, so NumPy computes points, more slowly: "
     "install a C compiler with Python's headers, then this package anew"
 )
-VERSION: Final = 3  # of the kernel's source, as in kernel.c: raise both with each change of what it computes
+VERSION: Final = 4  # of the kernel's source, as in kernel.c: raise both with each change of what it computes
 ROW: Final = 7  # floats of a packed unit: its row of [W b], its column of V
 
 
@@ -75,6 +75,27 @@ class Kernel(Protocol):
         units : (h, 7), a row of [W b] and a column of V each.
         starts : (cells + 1,), the first unit of each cell, and the end.
         packed : (crossing.sum(), 7).
+        """
+
+    def outermost(self, values: Array, places: Starts, heights: Array, /) -> None:
+        """Find the outermost points of each direction: values (3, n); places (6, count), heights (6, count)."""
+
+    def spread(self, candidates: Array, around: Array, radius: float, domain: int, trials: Array, /) -> None:
+        """Place trials around each candidate, within the domain (0 cube, 1 ball, 2 sphere).
+
+        Parameters
+        ----------
+        candidates, around : (d, searches), (d, each).
+        trials : (d, searches * each), those of a candidate one after another.
+        """
+
+    def climb(self, values: Array, trials: Array, candidates: Array, reached: Array, /) -> None:
+        """Move each candidate to its outermost trial if that is farther out.
+
+        Parameters
+        ----------
+        values, trials : (3, n), (d, n), as `spread` places them.
+        candidates, reached : (d, searches), (searches,), a sixth for each direction; both are overwritten.
         """
 
     def network(

@@ -1,10 +1,9 @@
 """Networks with one hidden layer of ReLUs, folded: exact, and several times less work for many points.
 
-A hidden unit bends the network along one plane. In a cell of space that the plane does not cross, the unit
-is either linear or zero. All such units of a cell add up to one affine map, and only the units whose planes
-cross the cell are left to compute: about 38% of HOF-1's on a grid of 4 x 4 x 4 cells, 20% on 8 x 8 x 8.
-Outside the grid the network is whole. A point's result depends on its cell alone, never on the points that
-are computed with it.
+A hidden unit bends the network along one plane. In a cell of space that the plane does not cross, the unit is either
+linear or zero. All such units of a cell add up to one affine map, and only the units whose planes cross the cell are
+left to compute: about 38% of HOF-1's on a grid of 4 x 4 x 4 cells, 20% on 8 x 8 x 8. Outside the grid the network is
+whole. A point's result depends on its cell alone, never on the points that are computed with it.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,7 +23,6 @@ WIDE: Final = 512  # units
 FROM: Final = 16_384  # index of the first point that is folded: folding pays off for many points only
 SHARED: Final = TILES[1] * 1_024  # zeros: those of a tile of HOF-1
 PROBE: Final = 1_024  # points that are sampled to bound a function's values
-COARSE: Final = 3  # cells per side for some thousand points: more take longer to cut than they save
 MARGIN: Final = 1e-4  # of a cell: rounding may put a point near a border on either side
 
 Cells = npt.NDArray[np.int32]
@@ -61,15 +59,17 @@ class Fold:
         self.origin, self.per_unit = low.astype(np.float32), (1 / step).astype(np.float32)
         self.affine = np.zeros((grid**3 + 1, 3, 4), np.float32)
         self.crossing = np.ones((grid**3 + 1, len(b)), np.bool_)
-        if grid and kernel:
-            sides = low.astype(np.float32), step.astype(np.float32), ((0.5 + MARGIN) * step).astype(np.float32)
-            kernel.cut(self.first, np.ascontiguousarray(self.second), grid, *sides, self.affine, self.crossing)
-        elif grid:
-            self._cut(low, step)
+        if grid:
+            self._cut(low, step, kernel)
         self.affine[:, :, 3] += c
 
-    def _cut(self, low: Corner, step: Corner) -> None:
+    def _cut(self, low: Corner, step: Corner, kernel: Kernel | None) -> None:
         """Find the linear units of each cell, and add them up."""
+        if kernel:
+            second, side, half = np.ascontiguousarray(self.second), step.astype(np.float32), (0.5 + MARGIN) * step
+            sides = self.origin, side, half.astype(np.float32)
+            kernel.cut(self.first, second, self.grid, *sides, self.affine, self.crossing)
+            return
         w, b = self.first[:, :3], self.first[:, 3]
         centers = low + step * (np.indices((self.grid,) * 3).reshape(3, -1).T + 0.5)
         at = centers.astype(np.float32) @ w.T + b  # value of each unit in the middle of each cell
@@ -227,10 +227,10 @@ class FoldedWord:
         """Map canonical points from index `first` on, (3, n) with n > 0, to the object's points, (3, n)."""
         whole = FROM - first
         if whole <= 0:
-            return _through(self._folded, x)
+            return through(self._folded, x)
         if whole >= x.shape[1]:
-            return _through(self._whole, x)
-        return np.concatenate([_through(self._whole, x[:, :whole]), _through(self._folded, x[:, whole:])], axis=1)
+            return through(self._whole, x)
+        return np.concatenate([through(self._whole, x[:, :whole]), through(self._folded, x[:, whole:])], axis=1)
 
     @cached_property
     def _folded(self) -> list[Engine]:
@@ -247,22 +247,8 @@ class FoldedWord:
         return folded
 
 
-def coarse_word(spec: MappingSpec, word: Sequence[Array]) -> Callable[[Array], Array]:
-    """Return the map of a word, (3, n) float32 -> (3, n), cut coarsely: for some thousand points at any places.
-
-    All functions are cut over the canonical domain's box, so one that the word repeats is cut once. Outside of the box
-    the networks are whole.
-    """
-    high, kernel = np.full(3, 1 + MARGIN), compiled.load()
-
-    def cut(theta: Array) -> Engine:
-        fold = Fold(spec, theta, -high, high, COARSE, kernel)
-        return CompiledFold(fold, kernel) if kernel else NumpyFold(fold)
-
-    return partial(_through, pack_distinct(cut, word[::-1]))
-
-
-def _through(functions: Sequence[Engine], x: Array) -> Array:
+def through(functions: Sequence[Engine], x: Array) -> Array:
+    """Apply functions one after the other, the first one first."""
     for function in functions:
         x = function.map(x)
     return x

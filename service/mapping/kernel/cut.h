@@ -1,4 +1,4 @@
-/* Cutting a network with one hidden layer of ReLUs into cells (service/mapping/folding.py). */
+/* Cutting a network with one hidden layer of ReLUs into cells, and packing their units (service/mapping/folding.py). */
 
 #define COLUMNS (5 + OUTER)
 #define LINE 16 /* floats of a cache line */
@@ -78,5 +78,48 @@ static PyObject *cut(PyObject *module, PyObject *arguments)
     release(&buffers);
     if (!enough)
         return PyErr_NoMemory();
+    return PyErr_Occurred() ? NULL : Py_NewRef(Py_None);
+}
+
+/* Write each cell's units one after another, and where each cell's begin; return the units in all. */
+static int64_t pack_units(const uint8_t *crossing, Py_ssize_t cells, Py_ssize_t h, const float *units, int64_t *starts,
+                          float *packed, Py_ssize_t room)
+{
+    int64_t count = 0;
+    for (Py_ssize_t cell = 0; cell < cells; cell++) {
+        starts[cell] = count;
+        for (Py_ssize_t unit = 0; unit < h; unit++) {
+            if (count < room) /* overwritten next if the unit does not cross the cell */
+                memcpy(packed + ROW * count, units + ROW * unit, ROW * sizeof(float));
+            count += crossing[cell * h + unit] != 0;
+        }
+    }
+    starts[cells] = count;
+    return count;
+}
+
+static PyObject *pack(PyObject *module, PyObject *arguments)
+{
+    PyObject *crossing_object, *units_object, *starts_object, *packed_object;
+    Buffers buffers = {.count = 0};
+    Py_ssize_t cells = -1, h = -1, row = ROW, ends, room = -1;
+    const uint8_t *crossing;
+    const float *units;
+    int64_t *starts, count = -1;
+    float *packed;
+
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "OOOO:pack", &crossing_object, &units_object, &starts_object, &packed_object))
+        return NULL;
+    if ((crossing = TAKE(crossing, "bool", READ, &cells, &h)) && (ends = cells + 1) &&
+        (units = TAKE(units, "float32", READ, &h, &row)) && (starts = TAKE(starts, "int64", WRITE, &ends)) &&
+        (packed = TAKE(packed, "float32", WRITE, &room, &row))) {
+        Py_BEGIN_ALLOW_THREADS
+        count = pack_units(crossing, cells, h, units, starts, packed, room);
+        Py_END_ALLOW_THREADS
+        if (count != room)
+            PyErr_Format(PyExc_ValueError, "packed has %zd rows; %lld are needed", room, (long long)count);
+    }
+    release(&buffers);
     return PyErr_Occurred() ? NULL : Py_NewRef(Py_None);
 }

@@ -16,7 +16,7 @@
 #define INLINE static inline __attribute__((always_inline))
 #define MOST_CELLS_A_SIDE 256
 #define WIDEST 65536
-#define VERSION 3 /* of this source, as in compiled.py: raise both with each change of what it computes */
+#define VERSION 4 /* of this source, as in compiled.py: raise both with each change of what it computes */
 
 #include "sets.h"
 #include "network.h"
@@ -42,49 +42,6 @@ static PyObject *uniform(PyObject *module, PyObject *arguments)
     }
     release(&buffers);
     return u ? Py_NewRef(Py_None) : NULL;
-}
-
-/* Write each cell's units one after another, and where each cell's begin; return the units in all. */
-static int64_t pack_units(const uint8_t *crossing, Py_ssize_t cells, Py_ssize_t h, const float *units, int64_t *starts,
-                          float *packed, Py_ssize_t room)
-{
-    int64_t count = 0;
-    for (Py_ssize_t cell = 0; cell < cells; cell++) {
-        starts[cell] = count;
-        for (Py_ssize_t unit = 0; unit < h; unit++) {
-            if (count < room) /* overwritten next if the unit does not cross the cell */
-                memcpy(packed + ROW * count, units + ROW * unit, ROW * sizeof(float));
-            count += crossing[cell * h + unit] != 0;
-        }
-    }
-    starts[cells] = count;
-    return count;
-}
-
-static PyObject *pack(PyObject *module, PyObject *arguments)
-{
-    PyObject *crossing_object, *units_object, *starts_object, *packed_object;
-    Buffers buffers = {.count = 0};
-    Py_ssize_t cells = -1, h = -1, row = ROW, ends, room = -1;
-    const uint8_t *crossing;
-    const float *units;
-    int64_t *starts, count = -1;
-    float *packed;
-
-    (void)module;
-    if (!PyArg_ParseTuple(arguments, "OOOO:pack", &crossing_object, &units_object, &starts_object, &packed_object))
-        return NULL;
-    if ((crossing = TAKE(crossing, "bool", READ, &cells, &h)) && (ends = cells + 1) &&
-        (units = TAKE(units, "float32", READ, &h, &row)) && (starts = TAKE(starts, "int64", WRITE, &ends)) &&
-        (packed = TAKE(packed, "float32", WRITE, &room, &row))) {
-        Py_BEGIN_ALLOW_THREADS
-        count = pack_units(crossing, cells, h, units, starts, packed, room);
-        Py_END_ALLOW_THREADS
-        if (count != room)
-            PyErr_Format(PyExc_ValueError, "packed has %zd rows; %lld are needed", room, (long long)count);
-    }
-    release(&buffers);
-    return PyErr_Occurred() ? NULL : Py_NewRef(Py_None);
 }
 
 static Cell cell_of(const Fold *fold, int64_t index)
@@ -164,6 +121,7 @@ static int are_starts(const int64_t *starts, Py_ssize_t cells, Py_ssize_t units)
 }
 
 #include "cut.h"
+#include "search.h"
 
 static PyObject *map(PyObject *module, PyObject *arguments)
 {
@@ -264,6 +222,9 @@ static PyMethodDef methods[] = {
     {"uniform", uniform, METH_VARARGS, NULL},
     {"cut", cut, METH_VARARGS, NULL},
     {"pack", pack, METH_VARARGS, NULL},
+    {"outermost", outermost, METH_VARARGS, NULL},
+    {"spread", spread, METH_VARARGS, NULL},
+    {"climb", climb, METH_VARARGS, NULL},
     {"network", network, METH_VARARGS, NULL},
     {"map", map, METH_VARARGS, NULL},
     {NULL, NULL, 0, NULL},

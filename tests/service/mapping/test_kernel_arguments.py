@@ -28,6 +28,14 @@ def good() -> dict[str, Any]:
     }
 
 
+TWO, SIX, TWELVE = (np.zeros((3, n), np.float32) for n in (2, 6, 12))
+
+
+def outermost_arguments(places: tuple[int, int]) -> tuple[Any, ...]:
+    """Return arguments of `outermost` for four points."""
+    return np.zeros((3, 4), np.float32), np.zeros(places, np.int64), np.zeros(places, np.float32)
+
+
 def cut_arguments(
     grid: int = 1, second: tuple[int, int] = (3, 5), crossing: tuple[int, int] = (2, 5)
 ) -> tuple[Any, ...]:
@@ -104,6 +112,13 @@ def network_arguments(
         ("pack", ((2, 3), (3, 7), 3, (7, 7)), "packed has 7 rows; 6 are needed"),
         ("pack", ((2, 3), (4, 7), 3, (6, 7)), "units has length 4"),
         ("pack", ((2, 3), (3, 7), 2, (6, 7)), "starts has length 2"),
+        ("outermost", outermost_arguments((6, 5)), "places for 5 points of 4; 1 to all are needed"),
+        ("outermost", outermost_arguments((5, 2)), "places has length 5 in dimension 0; 6 is needed"),
+        ("spread", (SIX, TWO, 0.1, 3, TWELVE), "domain is 3; 0 to 2 is needed"),
+        ("spread", (SIX, TWO, 0.1, 1, TWO), "trials has length 2 in dimension 1; 12 is needed"),
+        ("climb", (TWELVE, TWELVE, SIX, np.zeros(5, np.float32)), "reached has length 5"),
+        ("climb", (TWELVE, TWELVE, TWO, np.zeros(2, np.float32)), "12 trials of 2 searches; as many"),
+        ("climb", (TWO, TWO, SIX, np.zeros(6, np.float32)), "2 trials of 6 searches; as many"),
         ("cut", cut_arguments(grid=-1), "grid is -1; 0 to 256 is needed"),
         ("cut", cut_arguments(grid=257), "grid is 257; 0 to 256 is needed"),
         ("cut", cut_arguments(grid=2), "affine has length 2 in dimension 0; 9 is needed"),
@@ -123,7 +138,7 @@ def test_wrong_arguments_raise_value_error(function: str, arguments: tuple[Any, 
 
 def test_wrong_number_of_arguments_raises_type_error() -> None:
     kernel: Any = built_kernel()
-    for function in (kernel.map, kernel.network, kernel.cut, kernel.pack, kernel.uniform):
+    for function in (kernel.map, kernel.network, kernel.cut, kernel.pack, kernel.climb, kernel.uniform):
         with pytest.raises(TypeError):
             function()
 
