@@ -14,9 +14,11 @@ const [NEAREST, FARTHEST] = [0.05, 30]; // that is drawn, meters
 const overlay = document.getElementById("room");
 const hint = overlay.querySelector("p");
 const leave = overlay.querySelector("button");
+const styled = addStyle(new URL("../../../css/room.css", import.meta.url));
 
 /** Ask for a session and open it: a Room. Throws what the browser answers, such as a NotAllowedError. */
 export async function openRoom() {
+  await styled;
   overlay.style.visibility = "hidden"; // browsers may be asking the visitor; they take an element that has a box
   overlay.hidden = false;
   let room;
@@ -42,6 +44,7 @@ class Room {
   constructor(session) {
     this.session = session;
     this.isClosed = false;
+    this.hasMoved = false;
     this.fetching = new AbortController();
     this.fingers = new Set(); // input sources that are pressed
     this.ended = new Promise((done) => {
@@ -66,6 +69,7 @@ class Room {
     this.renderer.setAnimationLoop((_, frame) => frame && this.#draw(frame));
     await this.renderer.xr.setSession(session);
     this.#tell("roomSearch");
+    hint.hidden = false;
     leave.onclick = () => this.leave();
     overlay.addEventListener("beforexrselect", keepTap);
   }
@@ -117,6 +121,8 @@ class Room {
     const percent = Math.round(100 * this.model.scale.x);
     if (!placing.isPlaced) this.#tell(this.aimed ? "roomTap" : "roomSearch");
     else this.#tell(percent === 100 ? "roomMove" : "roomSize", { percent: number(percent) });
+    this.hasMoved ||= this.fingers.size > 0;
+    hint.hidden = this.hasMoved && percent === 100; // who has moved it knows how
   }
 
   /** Put the object where the visitor looks, if a level surface is there; else where it was. */
@@ -159,6 +165,13 @@ class Room {
       this.renderer?.forceContextLoss(); // browsers have few contexts; the buffers go with it
     });
   }
+}
+
+/** Add a style to the page. Resolves when it is there, or cannot be fetched. */
+function addStyle(href) {
+  const link = Object.assign(document.createElement("link"), { rel: "stylesheet", href });
+  document.head.append(link);
+  return new Promise((done) => (link.onload = link.onerror = done));
 }
 
 /** Keep a press of the overlay's button from being a tap on the floor. */
