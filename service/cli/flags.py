@@ -1,10 +1,21 @@
 """Flags that several commands share."""
 
 import argparse
-from typing import get_args, get_origin
+from typing import Any, Final, get_args, get_origin
+
+from pydantic import ValidationError
 
 from service.encoding.framing import Background
 from service.settings import Settings
+
+HIDDEN: Final = "database_url"  # it may hold a password
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser that refuses abbreviated flags: `--store` is not `--store-dtype`. Parsers of commands do as well."""
+
+    def __init__(self, *args: Any, **options: Any) -> None:  # noqa: ANN401 - as argparse.ArgumentParser
+        super().__init__(*args, **options, allow_abbrev=False)
 
 
 def add_settings(parser: argparse.ArgumentParser, only: set[str] | None = None) -> None:
@@ -20,6 +31,20 @@ def add_settings(parser: argparse.ArgumentParser, only: set[str] | None = None) 
                 metavar=name.rsplit("_", 1)[-1].upper(),
                 help=f"{field.description}{default} [HOF_{name.upper()}]".replace("%", "%%"),
             )
+
+
+def unusable_setting(error: ValidationError) -> str:
+    """Return which setting is wrong, by its flag and its variable, the limit and the value."""
+    first = error.errors()[0]
+    if not first["loc"]:  # several settings that do not fit together
+        return first["msg"]
+    name = str(first["loc"][0])
+    text = f"{first['msg']}, not {first['input']!r}"
+    if first["type"] == "value_error":  # of our own validators, which name the value
+        text = str(first["ctx"]["error"])
+    elif name == HIDDEN:
+        text = first["msg"]
+    return f"HOF_{name.upper()} or --{name.replace('_', '-')}: {text}"
 
 
 def add_framing(parser: argparse.ArgumentParser) -> None:

@@ -17,7 +17,7 @@ from service import __version__
 from service.api.keys import SCOPES, make_key
 from service.cli import encode, encode_many, files, store
 from service.cli.fit import add_fit, fit
-from service.cli.flags import add_framing, add_settings
+from service.cli.flags import Parser, add_framing, add_settings, unusable_setting
 from service.errors import HofError
 from service.formats.mesh.registry import MESH_FORMATS
 from service.formats.path import PATH_FORMATS
@@ -45,8 +45,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except HofError as error:
         return _fail(error.detail)
     except ValidationError as error:
-        first = error.errors()[0]
-        return _fail(f"{'.'.join(map(str, first['loc']))}: {first['msg']}")
+        return _fail(unusable_setting(error))
     except OSError as error:
         return _fail(f"{error.filename}: {error.strerror}" if error.filename else str(error))
     return status or 0
@@ -75,9 +74,7 @@ def _fail(message: str) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="hof", description="Turn a photo of an object into a small function that draws it in 3D."
-    )
+    parser = Parser(prog="hof", description="Turn a photo of an object into a small function that draws it in 3D.")
     parser.add_argument("--version", action="version", version=f"hof {__version__}")
     stages = parser.add_subparsers(required=True, metavar="COMMAND")
 

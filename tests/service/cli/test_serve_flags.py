@@ -76,3 +76,38 @@ def test_serve_help_shows_flags_variables_and_defaults(capsys: pytest.CaptureFix
     text = " ".join(capsys.readouterr().out.split())
     assert "--max-image-bytes" in text
     assert "default: 20971520 [HOF_MAX_IMAGE_BYTES]" in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "variables", "message"),
+    [
+        (["--port", "99999"], {}, "HOF_PORT or --port: Input should be less than or equal to 65535, not '99999'"),
+        (
+            [],
+            {"HOF_STORE_DTYPE": "int8"},
+            "HOF_STORE_DTYPE or --store-dtype: Input should be 'float32' or 'float16', not 'int8'",
+        ),
+        (
+            ["--rate-limit", "x"],
+            {},
+            "HOF_RATE_LIMIT or --rate-limit: 'x' is not a rate; examples: 100/minute, 10/second\n",
+        ),
+    ],
+)
+def test_serve_with_a_wrong_setting_names_flag_variable_limit_and_value(
+    arguments: list[str],
+    variables: dict[str, str],
+    message: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    for name, value in variables.items():
+        monkeypatch.setenv(name, value)
+    assert main(["serve", *arguments]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_serve_with_an_abbreviated_flag_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["serve", "--store", "float16"])  # not --store-dtype
+    assert "unrecognized arguments: --store float16" in capsys.readouterr().err
