@@ -15,7 +15,8 @@ class Parser(argparse.ArgumentParser):
     """A parser that refuses abbreviated flags: `--store` is not `--store-dtype`. Parsers of commands do as well."""
 
     def __init__(self, *args: Any, **options: Any) -> None:  # noqa: ANN401 - as argparse.ArgumentParser
-        super().__init__(*args, **options, allow_abbrev=False)
+        super().__init__(*args, **options)
+        self.allow_abbrev = False
 
 
 def add_settings(parser: argparse.ArgumentParser, only: set[str] | None = None) -> None:

@@ -74,7 +74,9 @@ def _fail(message: str) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = Parser(prog="hof", description="Turn a photo of an object into a small function that draws it in 3D.")
+    parser: argparse.ArgumentParser = Parser(
+        prog="hof", description="Turn a photo of an object into a small function that draws it in 3D."
+    )
     parser.add_argument("--version", action="version", version=f"hof {__version__}")
     stages = parser.add_subparsers(required=True, metavar="COMMAND")
 
