@@ -1,6 +1,6 @@
 """The page for a visitor: Lighthouse's scores and the time from a photo to its object on the stage.
 
-`python -m benchmarks.page` writes PAGE.md. It needs Chromium, Node, and what `make test` installs for the page.
+`python -m benchmarks.page` writes PAGE.md. It needs chromium, Node, and what `make test` installs for the page.
 """
 
 import argparse

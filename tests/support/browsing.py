@@ -65,7 +65,7 @@ def browser() -> Iterator[Browser]:
 def launched(playwright: Playwright, program: str = "chromium-headless-shell") -> Browser:
     """Start Chromium without a window. Its headless shell has the engine of `chromium`, and takes less time."""
     chromium = shutil.which(program)
-    assert chromium, f"the page is tested in Debian's {program}: tests/support/system.sh installs it"
+    assert chromium, f"{program} is not installed: it is a package of Debian, and `make test` installs the shell"
     return playwright.chromium.launch(executable_path=chromium, args=WEBGL)
 
 
