@@ -26,14 +26,14 @@ from service.drawing.cloud import (
 )
 from service.mapping.color import linear
 from service.mapping.spec import Array
-from service.mapping.surface import Indices, Surface
+from service.mapping.surface import Surface
+from service.mapping.tears import Indices
 
 COARSE: Final = 200  # side of the picture that finds hidden triangles, pixels
 DOTS: Final = 4  # of a triangle on each of its pixels there
 MOST_PARTS: Final = 12  # of a triangle's edges, for dots
 AT_A_TIME: Final = 2**15  # pixels of triangles, or dots; what is computed of them stays in the processor's cache
 MOST_LAYERS: Final = 16  # triangles for each pixel of the supersampled picture, on average; an object has 1 to 14
-LONGEST_EDGE: Final = 4.0  # in medians; longer triangles span gaps, such as those between the legs of a chair
 KEY_LIGHT: Final = np.array([-0.4, 0.6, 0.8], np.float32) / np.float32(1.16**0.5)  # right, up, toward the camera
 SHINE_LIGHT: Final = np.array([-0.3, 0.5, 1.3], np.float32) / np.float32(2.03**0.5)
 SHADOW: Final = 0.3  # how dark the ground is under the object's middle
@@ -67,7 +67,7 @@ def draw_surface(surface: Surface, size: int, azimuth: float = AZIMUTH_DEG, elev
 
     Parameters
     ----------
-    surface : in the object frame; `without_long` leaves out what is torn.
+    surface : in the object frame.
     size : side of the picture, pixels.
     azimuth, elevation : direction of the camera, degrees; azimuth 0 looks at the front (+Z).
 
@@ -88,16 +88,6 @@ def draw_surface(surface: Surface, size: int, azimuth: float = AZIMUTH_DEG, elev
     smooth = image.reshape(size, SUPERSAMPLING, size, SUPERSAMPLING, 3).mean(axis=(1, 3)).round()
     drawn: Bytes = smooth.astype(np.uint8)
     return drawn
-
-
-def without_long(vertices: Array, triangles: Indices) -> Indices:
-    """Leave out the triangles that f stretched across a gap."""
-    ends = vertices[triangles]  # (t, corner, 3)
-    edges = ends - ends[:, [1, 2, 0]]
-    longest = np.einsum("tcd,tcd->tc", edges, edges).max(axis=1, initial=0)
-    extended = longest[longest > 0]
-    kept: Indices = triangles[longest <= LONGEST_EDGE**2 * np.median(extended)] if len(extended) else triangles
-    return kept
 
 
 def _without_hidden(viewed: Array, triangles: Indices, side: int) -> Indices:

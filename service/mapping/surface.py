@@ -2,7 +2,7 @@
 
 f is continuous, so the image of a mesh is connected as the mesh is, and no points have to be joined by guess.
 The sphere is one icosphere. A solid domain is filled with nested shells, which become layers of the object.
-Where f moves parts of the object apart, it stretches the triangles between them; those are cut out.
+Where f moves parts of the object apart, it stretches the triangles between them: `service.mapping.tears` cuts them out.
 A vertex is the image of a canonical point, and has the color of that point.
 RESULTS.md compares this with grids, Poisson reconstruction and ball pivoting.
 """
@@ -20,14 +20,11 @@ from service.mapping.color import ColorSampler
 from service.mapping.pose import CAMERA_AXES, OBJECT_AXES, Pose
 from service.mapping.sampler import Sampler
 from service.mapping.spec import Array, Colors, Domain
-
-Indices = npt.NDArray[np.uint32]
-Values = npt.NDArray[np.float64]
+from service.mapping.tears import Indices, Values, without_tears
 
 RESOLUTION: Final = 64
 RESOLUTIONS: Final = (8, 160)
 SHELLS: Final[dict[Domain, int]] = {"sphere": 1, "ball": 24, "cube": 24, "ball4": 24}
-MOST_STRETCH: Final = 6.0  # growth of a triangle's area, in medians of all; chosen on the validation split
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +58,7 @@ def surface_of(
     Parameters
     ----------
     sampler : the object.
-    resolution : the surface has 20 resolution^2 triangles before any are cut out.
+    resolution : the surface has 20 resolution^2 triangles before it is cut.
     scale : as in `Sampler.points`.
     color : colors of the vertices; None for a surface without colors.
 
@@ -71,7 +68,9 @@ def surface_of(
     """
     points, triangles = shells(sampler.domain, resolution)
     vertices = sampler.map(points, scale)
-    triangles = triangles[_stretch(points, vertices, triangles) <= MOST_STRETCH]
+    cut, triangles = without_tears(points, vertices, triangles)
+    if len(cut):
+        points, vertices = np.concatenate([points, cut]), np.concatenate([vertices, sampler.map(cut, scale)])
     used, corners = np.unique(triangles, return_inverse=True)
     vertices, triangles = vertices[used], corners.reshape(-1, 3).astype(np.uint32)
     return Surface(vertices, triangles, _normals(vertices, triangles), color.map(points[used]) if color else None)
@@ -137,23 +136,6 @@ def _icosahedron() -> tuple[npt.NDArray[np.float64], npt.NDArray[np.intp]]:
     inward = np.linalg.det(corners[faces]) < 0
     faces[inward] = faces[inward, ::-1]
     return corners, faces
-
-
-def _stretch(points: Array, vertices: Array, triangles: Indices) -> Values:
-    """Return how much f enlarges each triangle's area, as a multiple of the median: (t,)."""
-    stretch = _areas(vertices, triangles) / _areas(points, triangles)
-    median = float(np.median(stretch))
-    return stretch / median if median else np.zeros_like(stretch)
-
-
-def _areas(points: Array, triangles: Indices) -> Values:
-    """Return the area of each triangle, in any number of dimensions: (t,)."""
-    a, b, c = (points[corner].astype(np.float64) for corner in triangles.T)
-    b -= a
-    c -= a
-    squares = [np.einsum("td,td->t", *pair) for pair in ((b, b), (c, c), (b, c))]
-    areas: Values = np.sqrt(np.maximum(squares[0] * squares[1] - squares[2] ** 2, 0)) / 2
-    return areas
 
 
 def _normals(vertices: Array, triangles: Indices) -> Array:

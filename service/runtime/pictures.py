@@ -1,13 +1,12 @@
 """Draw a stored object as a picture or a turntable, and what that costs."""
 
-from dataclasses import replace
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from service.drawing.cloud import AZIMUTH_DEG, ELEVATION_DEG
-from service.drawing.surface import draw_surface, without_long
+from service.drawing.surface import draw_surface
 from service.errors import InvalidParameter
 from service.mapping.frame import Frame
 from service.mapping.spec import Functions, MappingSpec
@@ -49,8 +48,7 @@ def check_turntable(options: PictureOptions) -> None:
 
 def scene_of(spec: MappingSpec, functions: Functions, frame: Frame, options: PictureOptions) -> Surface:
     """Compute the surface of an object's pictures. Raises CorruptWeights."""
-    surface = mesh_of(spec, functions_for(functions, options.color), frame, MeshOptions(resolution=RESOLUTION))
-    return replace(surface, triangles=without_long(surface.vertices, surface.triangles))
+    return mesh_of(spec, functions_for(functions, options.color), frame, MeshOptions(resolution=RESOLUTION))
 
 
 def draw_frame(scene: Surface, options: PictureOptions, index: int) -> npt.NDArray[np.uint8]:

@@ -1,5 +1,4 @@
 // A picture of an object, as the service draws it (service/drawing/surface.py): its surface in soft light, over its shadow.
-import { withoutLong } from "../js/stage/gaps.js";
 import { surfaceFor } from "./files.js";
 import { rasterize, shadeEdges } from "./raster.js";
 
@@ -32,7 +31,7 @@ export async function pictureOf(functions, size) {
     places[at] = (places[at] * side) / EXTENT + (side - 1) / 2;
     places[at + 1] = (-places[at + 1] * side) / EXTENT + (side - 1) / 2;
   }
-  const depths = rasterize(image, side, places, colors, withoutLong(surface.vertices, surface.triangles));
+  const depths = rasterize(image, side, places, colors, surface.triangles);
   shadeEdges(image, side, depths);
   return fileOf(image, side, size);
 }

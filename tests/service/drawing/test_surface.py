@@ -1,14 +1,13 @@
 """Pictures of surfaces: position, occlusion, light, color and shadow."""
 
 import tracemalloc
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from service.drawing import surface as drawing
 from service.drawing.cloud import EXTENT, FAR, GROUND, NEAR
-from service.drawing.surface import draw_surface, without_long
+from service.drawing.surface import draw_surface
 from service.mapping.surface import Surface, icosphere
 
 SIZE = 145  # a hundred pixels a unit
@@ -87,27 +86,6 @@ def test_draw_surface_of_nothing_is_the_ground() -> None:
 
 def test_draw_surface_beyond_the_frame_is_cut() -> None:
     assert (draw_surface(_plate(0, EXTENT), SIZE, 0, 0) < GROUND).any(axis=2).all()
-
-
-def test_draw_surface_without_long_triangles_shows_no_bridge() -> None:
-    ball = _ball(0.3)
-    far = np.array([[0.7, 0.7, 0]], np.float32)
-    bridge = np.array([[0, 1, len(ball.vertices)]], np.uint32)
-    torn = Surface(
-        np.concatenate([ball.vertices, far]),
-        np.concatenate([ball.triangles, bridge]),
-        np.concatenate([ball.normals, far]),
-    )
-    assert (without_long(torn.vertices, torn.triangles) == ball.triangles).all()
-    torn = replace(torn, triangles=without_long(torn.vertices, torn.triangles))
-    assert (draw_surface(torn, SIZE, 0, 0) == draw_surface(ball, SIZE, 0, 0)).all()
-
-
-def test_without_long_keeps_an_object_whose_other_triangles_are_points() -> None:
-    ball = _ball(0.3)
-    points = np.zeros((2 * len(ball.triangles), 3), np.uint32)
-    triangles = np.concatenate([points, ball.triangles])
-    assert (without_long(ball.vertices, triangles) == triangles).all()
 
 
 def test_draw_surface_of_triangles_that_each_span_the_picture_takes_bounded_memory() -> None:

@@ -1,14 +1,14 @@
-// An object's surface: nested shells in the canonical domain, pushed through the mapping function; triangles that it
-// stretches across gaps are cut out (service/mapping/surface.py).
+// An object's surface: nested shells in the canonical domain, pushed through the mapping function; what it stretches
+// across gaps is cut out (service/mapping/surface.py).
 
 import type { Functions } from "../function/weights.js";
 import { shellsOf } from "./shells.js";
 import { measureFrame, place, wordOf } from "./frame.js";
 import { mapped } from "./mapping.js";
 import { colorsAt } from "./sample.js";
+import { withoutTears } from "./tears.js";
 
 const RESOLUTION = 64;
-const MOST_STRETCH = 6; // growth of a triangle's area, in medians of all
 
 /** A triangle mesh in the object frame. */
 export interface Surface {
@@ -22,43 +22,20 @@ export interface Surface {
   colors?: Uint8Array;
 }
 
-/** Compute the surface of an object. `resolution`: it has 20 resolution^2 triangles before any are cut out. */
+/** Compute the surface of an object. `resolution`: it has 20 resolution^2 triangles before it is cut. */
 export function surfaceOf(functions: Functions, resolution = RESOLUTION): Surface {
   const { spec } = functions;
   const d = spec.input_dim;
-  const { points, triangles: all } = shellsOf(spec.domain, resolution);
-  const images = place(mapped(spec, wordOf(functions), points), functions.frame ?? measureFrame(functions));
-  const kept = unstretched(points, d, images, all);
-  const { used, triangles } = renumbered(kept, images.length / 3);
+  const { points: shells, triangles: all } = shellsOf(spec.domain, resolution);
+  const frame = functions.frame ?? measureFrame(functions);
+  const imagesOf = (points: Float32Array): Float32Array => place(mapped(spec, wordOf(functions), points), frame);
+  const whole = imagesOf(shells);
+  const cut = withoutTears(shells, d, whole, all);
+  const [points, images] = [joined(shells, cut.points), joined(whole, imagesOf(cut.points))];
+  const { used, triangles } = renumbered(cut.triangles, points.length / d);
   const vertices = taken(images, 3, used);
   const colors = colorsAt(functions, taken(points, d, used));
   return { vertices, normals: normalsOf(vertices, triangles), triangles, ...(colors && { colors }) };
-}
-
-/** Leave out triangles that the function enlarges far more than most. */
-function unstretched(points: Float32Array, d: number, images: Float32Array, triangles: Uint32Array): Uint32Array {
-  const stretch = new Float64Array(triangles.length / 3);
-  for (let index = 0; index < stretch.length; index++) {
-    const corners = triangles.subarray(3 * index, 3 * index + 3);
-    stretch[index] = areaOf(images, 3, corners) / areaOf(points, d, corners);
-  }
-  const sorted = stretch.slice().sort();
-  const middle = sorted.length >> 1;
-  const median = sorted.length % 2 ? sorted[middle] : (sorted[middle - 1] + sorted[middle]) / 2;
-  return median ? triangles.filter((_, at) => stretch[Math.floor(at / 3)] <= MOST_STRETCH * median) : triangles;
-}
-
-/** The area of a triangle in any number of dimensions. */
-function areaOf(points: Float32Array, d: number, [a, b, c]: Uint32Array): number {
-  let [bb, cc, bc] = [0, 0, 0];
-  for (let axis = 0; axis < d; axis++) {
-    const from = points[d * a + axis];
-    const [to, other] = [points[d * b + axis] - from, points[d * c + axis] - from];
-    bb += to * to;
-    cc += other * other;
-    bc += to * other;
-  }
-  return Math.sqrt(Math.max(0, bb * cc - bc * bc)) / 2;
 }
 
 /** The points that triangles use, in order, and the triangles in their numbers. */
@@ -72,6 +49,13 @@ function renumbered(triangles: Uint32Array, count: number): { used: number[]; tr
     if (flag) used.push(point);
   });
   return { used, triangles: triangles.map((corner) => numbers[corner]) };
+}
+
+function joined(first: Float32Array, second: Float32Array): Float32Array {
+  const result = new Float32Array(first.length + second.length);
+  result.set(first);
+  result.set(second, first.length);
+  return result;
 }
 
 function taken(rows: Float32Array, size: number, indices: readonly number[]): Float32Array {

@@ -3,7 +3,6 @@ import { BufferAttribute, BufferGeometry, DoubleSide, Mesh, ShaderMaterial } fro
 
 import { fetchBytes } from "../api.js";
 import { filePath } from "../objects.js";
-import { withoutLong } from "./gaps.js";
 
 const VERTEX = `
   uniform float distance;
@@ -60,9 +59,9 @@ export async function fetchSurface(object, signal) {
   geometry.setAttribute("position", new BufferAttribute(positions, 3));
   geometry.setAttribute("normal", new BufferAttribute(normals, 3));
   if (colors) geometry.setAttribute("paint", new BufferAttribute(colors, 3));
-  geometry.setIndex(new BufferAttribute(withoutLong(positions, indices), 1));
+  geometry.setIndex(new BufferAttribute(indices, 1));
   const mesh = new Mesh(geometry);
-  mesh.triangles = indices.length / 3; // of the file; long ones are not drawn
+  mesh.triangles = indices.length / 3;
   mesh.frustumCulled = false; // always in view: an object fills the object frame
   return mesh;
 }
