@@ -101,10 +101,6 @@ def test_path_ends_are_dragged_and_moved_by_keys(robot: Page) -> None:
     assert np.hypot(turned["x"] - placed["x"], turned["y"] - placed["y"]) > 10
 
 
-def test_camera_of_the_photo_is_hidden_unless_the_object_has_one(robot: Page) -> None:
-    expect(robot.locator("#photo-camera")).to_be_hidden()
-
-
 @pytest.fixture
 def estimated(browser: Browser, tmp_path: Path) -> Iterator[Page]:
     """Open the page of a service whose model estimates the camera, with one object."""
@@ -128,3 +124,18 @@ def test_camera_of_the_photo_is_told_looked_from_and_gives_points_in_its_frame(e
     points = run(curl_line(page, "camera").replace("-o points.ply", ""), PICTURES)
     assert points.startswith(b"ply")
     page.screenshot(path=PICTURES / "camera.png", full_page=True)
+
+
+def test_camera_of_the_photo_is_hidden_where_an_object_of_several_photos_has_none(estimated: Page) -> None:
+    page = estimated
+    page.get_by_text("Path for a robot").click()
+    expect(page.locator("#photo-camera")).to_be_visible()
+    address = page.url.split("/#")[0].rstrip("/")
+    files = [("image", (name, photo(name).read_bytes())) for name in ("chair", "armchair")]
+    answer = httpx.post(f"{address}/encode", files=files, timeout=60)
+    assert answer.status_code == 201
+    page.goto(f"{address}/#/objects/{answer.json()['id']}")
+    page.reload()
+    page.get_by_text("Path for a robot").click()
+    expect(page.locator("#way")).not_to_be_empty()
+    expect(page.locator("#photo-camera")).to_be_hidden()
