@@ -69,8 +69,7 @@ def surface_of(
     points, triangles = shells(sampler.domain, resolution)
     vertices = sampler.map(points, scale)
     cut, triangles = without_tears(points, vertices, triangles)
-    if len(cut):
-        points, vertices = np.concatenate([points, cut]), np.concatenate([vertices, sampler.map(cut, scale)])
+    points, vertices = np.concatenate([points, cut]), np.concatenate([vertices, sampler.map(cut, scale)])
     used, corners = np.unique(triangles, return_inverse=True)
     vertices, triangles = vertices[used], corners.reshape(-1, 3).astype(np.uint32)
     return Surface(vertices, triangles, _normals(vertices, triangles), color.map(points[used]) if color else None)

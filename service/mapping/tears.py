@@ -43,8 +43,7 @@ def without_tears(points: Array, vertices: Array, triangles: Indices) -> tuple[A
     edges, numbers = np.unique(first * len(points) + second, return_inverse=True)
     ab, ac = (numbers.ravel() + len(points)).reshape(2, -1)
     first, second = np.divmod(edges, len(points))
-    share = level[first] / (level[first] - level[second]) if len(edges) else level[:0]
-    share = share.clip(NEAR, 1 - NEAR)[:, None]
+    share = (level[first] / (level[first] - level[second])).clip(NEAR, 1 - NEAR)[:, None]
     fresh: Array = ((1 - share) * points[first] + share * points[second]).astype(np.float32)
     corners = np.stack([a, ab, ac], axis=1)[is_corner]
     rest = np.concatenate([np.stack([ab, b, c], axis=1)[~is_corner], np.stack([ab, c, ac], axis=1)[~is_corner]])
