@@ -48,10 +48,10 @@ async function wait(retryAfter, signal, isQuiet) {
 
 async function problemOf(answer) {
   const isProblem = answer.headers.get("Content-Type")?.startsWith("application/problem+json");
-  const isBusy = BUSY.includes(answer.status);
-  if (!isProblem) return Object.assign(new Problem(text("error", { status: answer.status }), answer.statusText), { isBusy });
-  const { title, detail } = await answer.json();
-  return Object.assign(new Problem(title, detail), { isBusy });
+  const { title, detail } = isProblem
+    ? await answer.json()
+    : { title: text("error", { status: answer.status }), detail: answer.statusText };
+  return Object.assign(new Problem(title, detail), { isBusy: BUSY.includes(answer.status) });
 }
 
 /** Send a call, with a key if one is needed; return its answer, whatever its status. */
