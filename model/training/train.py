@@ -26,6 +26,7 @@ from model.training.state import RunState, open_run, score
 from model.training.validation import validate
 
 CHECKPOINT_EVERY_S: Final = 600.0
+CHECKPOINTS: Final = 4  # of a run at least, however short: the last quarter shows whether its curve is flat
 
 
 def train(data: Path, run: Path, config: TrainConfig) -> Path:
@@ -62,7 +63,8 @@ def train(data: Path, run: Path, config: TrainConfig) -> Path:
             state.elapsed_s = time.monotonic() - start
             if state.step % LOG_EVERY == 0:
                 _report(log, bar, state, {"loss": sum(losses) / len(losses)})
-            if time.monotonic() - last_save > CHECKPOINT_EVERY_S or state.progress >= 1:
+            is_mark = int(CHECKPOINTS * state.progress) > int(CHECKPOINTS * progress)
+            if is_mark or time.monotonic() - last_save > CHECKPOINT_EVERY_S:
                 figures = validate(state.average, state.config, validation)
                 _report(log, bar, state, figures)
                 state.save(run, score(figures))
