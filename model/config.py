@@ -12,13 +12,14 @@ from service.encoding.framing import Framing
 from service.mapping.spec import HOF_1, HOF_3, Domain, MappingSpec
 
 Method = Literal["hof", "deepsdf", "foldingnet", "direct", "atlasnet_sphere", "atlasnet_25"]
-Trunk = Literal["dense", "lite0", "resnet18", "pointnet"]
+Trunk = Literal["dense", "lite0", "resnet18", "pointnet", "grid"]
 Predicted = Literal["all", "first_layer", "biases", "first_bias"]
 ProjectionForm = Literal["travel", "nearest"]
 Frame = Literal["object", "camera"]
 Device = Literal["auto", "cpu", "cuda"]
 Part = TypeVar("Part")
 
+POINT_TRUNKS: Final = ("pointnet", "grid")  # their input is points, not an image
 METHOD_DOMAINS: Final[dict[str, Domain]] = {"foldingnet": "cube", "atlasnet_25": "cube", "atlasnet_sphere": "sphere"}
 
 
@@ -52,8 +53,8 @@ class EncoderConfig:
     rank: int = option(256, "width of the bottleneck before theta; 0 is the paper's full rank, a 50 MB file", least=0)
     trunk: Trunk = option(  # noqa: RUF009 - a field
         "dense",
-        "paper's DenseNet, its ResNet18, EfficientNet-Lite0 trained on ImageNet, or PointNet, which sees points of a "
-        "part of the surface in place of an image",
+        "paper's DenseNet, its ResNet18, or EfficientNet-Lite0 trained on ImageNet; PointNet and grid, the DenseNet on "
+        "a grid of cells, see points of a part of the surface in place of an image",
     )
     frozen: int = option(3, "first blocks of Lite0 that are not trained", least=0)
     joined_maps: int = option(96, "maps that Lite0's last maps are reduced to", least=1)
@@ -68,12 +69,13 @@ class EncoderConfig:
     @property
     def takes_points(self) -> bool:
         """Return whether the encoder reads points, not an image."""
-        return self.trunk == "pointnet"
+        return self.trunk in POINT_TRUNKS
 
 
 DENSE: Final = EncoderConfig()
 LITE0: Final = EncoderConfig(trunk="lite0", fully_connected=(1024,), fine_maps=16)
 POINTNET: Final = EncoderConfig(trunk="pointnet", fully_connected=(1024,))
+GRID: Final = EncoderConfig(trunk="grid", feature_maps=(32, 48, 64), fully_connected=(1024,))
 LITE0_SIZE: Final = 128  # pixels
 
 
@@ -124,6 +126,9 @@ class TrainConfig:
         "degrees about +Y, either way, by which objects of a point encoder are turned; 180: it needs no front",
         least=0,
         most=180,
+    )
+    stretch: float = option(
+        1.0, "largest factor by which objects of a point encoder grow or shrink along each axis", least=1
     )
     made: bool = option(default=False, text="train on the procedural pieces of `hof-model data make` too")
     start: str | None = option(None, "checkpoint or exported model whose weights a new run starts from")

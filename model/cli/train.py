@@ -11,6 +11,7 @@ from model.cli.flags import add_flags, number, values
 from model.config import (
     COMPARED_RUN,
     DENSE,
+    GRID,
     LITE0,
     LITE0_SIZE,
     METHOD_DOMAINS,
@@ -80,7 +81,8 @@ def add_network(stage: argparse.ArgumentParser) -> None:
         stage.add_argument_group(
             "image encoder",
             f"lite0 has other defaults: --fully-connected {widths} --fine-maps {LITE0.fine_maps} --size {LITE0_SIZE}; "
-            f"pointnet: --fully-connected {' '.join(map(str, POINTNET.fully_connected))}.",
+            f"pointnet and grid: --fully-connected {' '.join(map(str, POINTNET.fully_connected))}; "
+            f"grid: --feature-maps {' '.join(map(str, GRID.feature_maps))}.",
         ),
         DENSE,
     )
@@ -169,7 +171,7 @@ def config_from(arguments: argparse.Namespace, base: TrainConfig) -> TrainConfig
     """
     encoder, options = values(arguments, EncoderConfig), values(arguments, TrainConfig)
     base = PAPER_SCHEDULE if arguments.schedule == "paper" else base
-    presets = {"lite0": (LITE0, LITE0_SIZE), "pointnet": (POINTNET, Framing().size)}
+    presets = {"lite0": (LITE0, LITE0_SIZE), "pointnet": (POINTNET, Framing().size), "grid": (GRID, Framing().size)}
     trunk, size = presets.get(encoder.get("trunk", ""), (base.encoder, Framing().size))
     size = arguments.size or size
     if size % SIZE_STEP:

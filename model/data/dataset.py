@@ -18,7 +18,7 @@ from model.data.augment import ANY_LIGHT, Light, augment, oversize
 from model.data.manifest import COLORS, Entry, Manifest, Split, piece_entries, piece_files, variant_files
 from model.data.packed.shards import OWN
 from model.data.rendering.camera_frame import to_camera
-from model.data.rendering.partial import SURFACE, draw_counts, draw_parts, turned
+from model.data.rendering.partial import SURFACE, draw_counts, draw_parts, stretched, turned
 from model.data.sources.photographs import photograph_files
 from service.encoding.clouds import MOST_POINTS
 from service.encoding.framing import Framing, frame
@@ -214,6 +214,8 @@ def parts_batch(
     if config.turn:
         turns = 2 * torch.rand(len(points), device=points.device, generator=generator) - 1
         points = turned(points, config.turn * turns)
+    if config.stretch > 1:
+        points = stretched(points, config.stretch, generator)
     parts = draw_parts(points[:, :SURFACE], counts, width, generator)
     return Batch(parts.clouds, canonical, points[:, : config.target_points] - parts.center, None, parts.scale)
 

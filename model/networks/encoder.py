@@ -1,8 +1,8 @@
 """The image encoder g_phi: an image becomes theta (paper, eq. 1; appendix: baseline encoder).
 
 Top to bottom: the image encoder and its last layer; the trunk in front of them, which the compared methods share;
-the trunk's convolutions, the paper's DenseNet or ResNet18, or a pretrained EfficientNet-Lite0; or a PointNet, whose
-input is points.
+the trunk's convolutions on a pretrained EfficientNet-Lite0. Modules of their own have the paper's DenseNet and
+ResNet18, and the two whose input is points: PointNet, and the DenseNet on a grid.
 `model.networks.mapping` turns theta into points.
 """
 
@@ -17,13 +17,14 @@ from torch import Tensor, nn
 
 from model.config import EncoderConfig, Predicted
 from model.networks import lite0
+from model.networks.densenet import DenseMaps, GridMaps
 from model.networks.lite0 import Lite0
 from model.networks.pointnet import PointMaps
 from model.networks.precision import trunk_precision
 from model.networks.resnet18 import ResNetMaps
 from service.mapping.spec import MappingSpec, initial_theta
 
-Maps = Union["DenseMaps", "LiteMaps", ResNetMaps, PointMaps]
+Maps = Union[DenseMaps, "LiteMaps", ResNetMaps, PointMaps, GridMaps]
 
 HEAD_SCALE: Final = 0.2  # of theta_0: how far objects differ at the start; exactly zero stalls
 DROPOUT: Final = 0.2  # of the maps at the end of the pretrained convolutions
@@ -43,10 +44,11 @@ class ImageTrunk(nn.Module):
             "lite0": LiteMaps,
             "resnet18": lambda _: ResNetMaps(),
             "pointnet": PointMaps,
+            "grid": GridMaps,
         }
         self.features = kinds[config.trunk](config)
         width = self.features.maps
-        if not isinstance(self.features, PointMaps):
+        if not isinstance(self.features, (PointMaps, GridMaps)):
             width *= (size // self.features.stride) ** 2
         dense: list[nn.Module] = []
         for n_out in config.fully_connected:
@@ -71,7 +73,7 @@ class ImageTrunk(nn.Module):
 
 
 class ImageEncoder(ImageTrunk):
-    """g_phi: an RGB image becomes theta (paper, eq. 1); with the trunk `pointnet`, points of a part of a surface do.
+    """g_phi: an RGB image becomes theta (paper, eq. 1); of a point encoder, points of a part of a surface do.
 
     The last layer starts as theta_0, an ordinary initialization of f, plus small weights, so that
     every object starts as the same sane function.
@@ -133,48 +135,6 @@ def predicted_mask(spec: MappingSpec, predicted: Predicted) -> npt.NDArray[np.fl
         biases = is_first or predicted in ("all", "biases")
         parts += [np.full(n_out * n_in, weights), np.full(n_out, biases)]
     return np.concatenate(parts).astype(np.float32)
-
-
-class DenseMaps(nn.Sequential):
-    """The DenseNet of the paper's baseline encoder."""
-
-    def __init__(self, config: EncoderConfig) -> None:
-        blocks: list[nn.Module] = [nn.Conv2d(3, config.feature_maps[0], 3, stride=2, padding=1, bias=False)]
-        maps = config.feature_maps[0]
-        for growth in config.feature_maps:
-            blocks.append(DenseBlock(maps, growth, config.convolutions))
-            grown = maps + config.convolutions * growth
-            maps = grown // 2
-            blocks += [nn.BatchNorm2d(grown), nn.ReLU(), nn.Conv2d(grown, maps, 1, bias=False), nn.AvgPool2d(2)]
-        super().__init__(*blocks)
-        self.maps = maps
-        self.stride = 2 ** (1 + len(config.feature_maps))
-
-    def forward(self, images: Tensor) -> Tensor:
-        """Return the feature maps: (b, 3, s, s) in [0, 1] -> (b, `maps`, s / `stride`, s / `stride`)."""
-        maps: Tensor = super().forward(2 * images - 1)  # type: ignore[no-untyped-call]
-        return maps
-
-
-class DenseBlock(nn.Module):
-    """`convolutions` 3x3 convolutions, each reading all maps before it and adding `growth`."""
-
-    def __init__(self, maps: int, growth: int, convolutions: int) -> None:
-        super().__init__()
-        self.layers = nn.ModuleList(
-            nn.Sequential(
-                nn.BatchNorm2d(maps + index * growth),
-                nn.ReLU(),
-                nn.Conv2d(maps + index * growth, growth, 3, padding=1, bias=False),
-            )
-            for index in range(convolutions)
-        )
-
-    def forward(self, x: Tensor) -> Tensor:
-        """Append each convolution's maps: (b, maps, h, w) -> (b, maps + convolutions * growth, h, w)."""
-        for layer in self.layers:
-            x = torch.cat([x, layer(x)], dim=1)
-        return x
 
 
 class LiteMaps(nn.Module):

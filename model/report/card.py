@@ -4,7 +4,7 @@ import re
 from collections.abc import Collection
 from typing import Any
 
-from model.config import TrainConfig
+from model.config import POINT_TRUNKS, TrainConfig
 from model.data.manifest import SPLITS, Entry, Manifest
 from model.data.sources.sweethome3d import frozen_split
 from model.evaluation.evaluate import Evaluation
@@ -17,6 +17,7 @@ TRUNKS = {
     "lite0": "EfficientNet-Lite0's convolutions (Apache-2.0), pretrained on ImageNet",
     "resnet18": "the paper's ResNet18, trained from scratch",
     "pointnet": "PointNet in two stages, trained from scratch",
+    "grid": "the paper's DenseNet on a grid of 64 x 64 x 64 cells, trained from scratch",
 }
 LICENSE = "Apache-2.0; trained on CC-BY and CC0 meshes, attribution in NOTICE"  # of models trained on Sweet Home 3D
 # Licenses of meshes that allow weights under another license, given the credits in NOTICE; and words that rule it out.
@@ -128,9 +129,10 @@ def _training_parts(manifest: Manifest, config: TrainConfig) -> str:
     objects = list(manifest.of("train"))
     kinds = ", ".join(sorted({entry.category for entry in objects}))
     front = f"turned by up to {config.turn:g} degrees about it" if config.turn else "the front at +Z"
+    varied = f", stretched by up to {config.stretch:g} along each axis" if config.stretch > 1 else ""
     return (
-        f"Trained on points of parts of {len(objects)} objects ({kinds}), cut off by a plane or seen by a camera, "
-        f"64 to 2,048 points with noise; +Y points up, {front}. It has seen no scan of an object."
+        f"Trained on points of parts of {len(objects)} objects ({kinds}){varied}, cut off by a plane or seen by a "
+        f"camera, 64 to 2,048 points with noise; +Y points up, {front}. It has seen no scan of an object."
     )
 
 
@@ -144,7 +146,7 @@ def figures(evaluations: list[Evaluation]) -> dict[str, dict[str, list[float]]]:
 
 def _input(config: dict[str, Any]) -> tuple[str, str, str, str]:
     """Return the kind of an encoder, its input as people send it, as it sees it, and as it was tested."""
-    if config["encoder"]["trunk"] == "pointnet":
+    if config["encoder"]["trunk"] in POINT_TRUNKS:
         box = "64 points or more, in the frame of their own box"
         return "Point", "points of a part of an object", box, "parts of each as in training"
     return (

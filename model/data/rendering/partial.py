@@ -116,3 +116,11 @@ def turned(points: Tensor, degrees: Tensor) -> Tensor:
     cos, sin = angles.cos(), angles.sin()
     rows = [torch.stack(row, dim=1) for row in ((cos, zero, sin), (zero, one, zero), (-sin, zero, cos))]
     return torch.bmm(points, torch.stack(rows, dim=1).transpose(1, 2))
+
+
+def stretched(points: Tensor, largest: float, generator: torch.Generator | None = None) -> Tensor:
+    """Stretch points (b, n, 3) along each axis by a factor from 1 / `largest` to `largest`; longest sides become 1."""
+    exponents = 2 * torch.rand(len(points), 1, 3, device=points.device, generator=generator) - 1
+    points = points * largest**exponents
+    sides = points.amax(dim=1, keepdim=True) - points.amin(dim=1, keepdim=True)
+    return points / sides.amax(dim=2, keepdim=True)

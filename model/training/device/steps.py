@@ -6,7 +6,8 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from model.networks.encoder import DenseMaps, LiteMaps, channels_last
+from model.networks.densenet import DenseMaps
+from model.networks.encoder import LiteMaps, channels_last
 from model.networks.resnet18 import ResNetMaps
 from model.training.average import ema_decay
 from model.training.device.draws import Draws, seed_step

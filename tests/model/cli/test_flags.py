@@ -33,6 +33,7 @@ ALL_FLAGS: dict[str, Any] = {
     "late_target_points": 7,
     "own_share": 0.3,
     "turn": 90.0,
+    "stretch": 1.3,
     "start": "old/best.pt",
 }
 

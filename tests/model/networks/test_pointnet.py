@@ -1,4 +1,4 @@
-"""PointNet: neither the order of points nor their repetition matters."""
+"""Encoders of points, PointNet and a grid: neither the order of points nor their repetition matters."""
 
 import pytest
 import torch
@@ -8,14 +8,15 @@ from model.config import EncoderConfig
 from model.networks.encoder import ImageEncoder
 from service.mapping.spec import MappingSpec
 
-CONFIG = EncoderConfig(trunk="pointnet", point_maps=(8, 16, 16, 32), fully_connected=(32,), rank=8)
+POINTNET = EncoderConfig(trunk="pointnet", point_maps=(8, 16, 16, 32), fully_connected=(32,), rank=8)
+GRID = EncoderConfig(trunk="grid", feature_maps=(8, 8), convolutions=2, fully_connected=(32,), rank=8)
 SPEC = MappingSpec("small", 3, (32,), 3, k=2)
 
 
-@pytest.fixture(scope="module")
-def encoder() -> ImageEncoder:
+@pytest.fixture(scope="module", params=(POINTNET, GRID), ids=lambda config: config.trunk)
+def encoder(request: pytest.FixtureRequest) -> ImageEncoder:
     torch.manual_seed(0)
-    return ImageEncoder(SPEC, CONFIG, 64).eval()
+    return ImageEncoder(SPEC, request.param, 64).eval()
 
 
 @pytest.fixture(scope="module")

@@ -25,6 +25,7 @@ pytestmark = pytest.mark.slow
 
 ENCODER = EncoderConfig(trunk="pointnet", point_maps=(16, 32, 32, 64), fully_connected=(32,), rank=8)
 POINTS_RUN = replace(RUN, encoder=ENCODER, turn=30.0)
+GRID = EncoderConfig(trunk="grid", feature_maps=(8, 8), convolutions=2, fully_connected=(32,), rank=8)
 
 
 @pytest.fixture(scope="module")
@@ -83,6 +84,17 @@ def test_exported_run_of_points_describes_itself(exported: Path, run: Path) -> N
     assert (config, same["step"]) == (POINTS_RUN, spent["step"])
     for name, value in trained.state_dict().items():
         assert torch.equal(again.state_dict()[name], value.half().float() if value.dim() > 1 else value), name
+
+
+def test_run_on_a_grid_of_stretched_objects_trains_and_is_exported(built: Path, tmp_path: Path) -> None:
+    config = replace(POINTS_RUN, encoder=GRID, turn=0.0, stretch=1.4, steps=8)
+    train(built, tmp_path, config)
+    encoder = Encoder.open(export_run(tmp_path, built, tmp_path / "small-grid.onnx"), 1)
+    assert (encoder.takes, encoder.count) == ("points", MOST_POINTS)
+    assert "stretched" in encoder.card["limits"][0]
+    part = training_part(next(iter(cases(built, "test"))), 0)
+    assert np.isfinite(complete(encoder, part, 500)).all()
+    assert not np.allclose(complete(encoder, part, 500), complete(encoder, 1.5 * part, 500), atol=1e-3)
 
 
 def test_complete_gives_the_object_in_the_frame_of_the_part(exported: Path, built: Path) -> None:
