@@ -60,7 +60,8 @@ def _suite(arguments: argparse.Namespace) -> None:
     from model.evaluation.paper.trained import measure_suite
     from model.report.paper.page import record_path, write
 
-    record = measure_suite(name, runs, arguments.data, arguments.split, arguments.protocol == "epcg")
+    is_epcg, by_class = arguments.protocol == "epcg", SUITES[name].is_by_class
+    record = measure_suite(name, runs, arguments.data, arguments.split, is_epcg, by_class and not is_epcg)
     path = record_path(arguments.out, name)
     record.write(path)
     if name == PICTURED:

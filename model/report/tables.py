@@ -1,6 +1,6 @@
 """The tables of RESULTS.md, each a function of evaluations alone."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -56,16 +56,20 @@ def per_class(evaluations: Sequence[Evaluation], methods: Sequence[str], classes
     chosen = [find(evaluations, method) for method in methods]
     columns = [sum_directions(evaluation) for evaluation in chosen]
     columns += [evaluation.column(name) for name in ("f@1%", "f@2%") for evaluation in chosen]
-    labels = np.array(classes)
+    heads = [f"{metric}, {method}" for metric in ("cd sum", "f@1%", "f@2%") for method in methods]
+    return by_class(dict(zip(heads, columns, strict=True)), classes)
+
+
+def by_class(columns: Mapping[str, Values], classes: Sequence[str]) -> str:
+    """Return the table of means by class of columns (objects,), then both means over all objects."""
+    labels, count = np.array(classes), str(len(classes))
     rows = []
     for name in _sort(classes):
         here = labels == name
-        rows.append([name, str(here.sum()), *(f"{column[here].mean():.3f}" for column in columns)])
-    count = str(len(classes))
-    rows.append(["**class-uniform**", count, *(spread(class_uniform(column, classes)) for column in columns)])
-    rows.append(["**class-weighted**", count, *(spread(interval(column)) for column in columns)])
-    head = [f"{metric}, {method}" for metric in ("cd sum", "f@1%", "f@2%") for method in methods]
-    return table(["class", "objects", *head], rows)
+        rows.append([name, str(here.sum()), *(f"{column[here].mean():.3f}" for column in columns.values())])
+    rows.append(["**class-uniform**", count, *(spread(class_uniform(each, classes)) for each in columns.values())])
+    rows.append(["**class-weighted**", count, *(spread(interval(column)) for column in columns.values())])
+    return table(["class", "objects", *columns], rows)
 
 
 def by_count(evaluations: Sequence[Evaluation], method: str) -> str:

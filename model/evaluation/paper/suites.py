@@ -43,6 +43,7 @@ class Suite:
 
     variants : change of the common config, by name; the first is the base.
     paper : the paper's two distances, by variant.
+    is_by_class : figures by class too, beside image retrieval and the oracle nearest neighbor.
     """
 
     number: int
@@ -51,6 +52,7 @@ class Suite:
     variants: Mapping[str, Change]
     claims: tuple[Claim, ...]
     paper: Mapping[str, Figures] = field(default_factory=dict)
+    is_by_class: bool = False
 
 
 def _hof(
@@ -103,6 +105,7 @@ TABLE_1: Final = Suite(
         Claim("HOF-1 is better than AtlasNet", "HOF-1", "AtlasNet, 25 patches", "lower"),
     ),
     {"HOF-1": (1.517, 1.021), "HOF-3": (1.480, 1.014), "DeepSDF": (1.521, 0.962), "FoldingNet": (1.563, 1.534)},
+    is_by_class=True,
 )
 ARCHITECTURE: Final = Suite(
     2,

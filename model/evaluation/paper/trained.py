@@ -14,12 +14,13 @@ from model.data.dataset import Shape
 from model.data.manifest import Entry, Manifest, Split
 from model.data.shapenet.convert import DENSE
 from model.evaluation.classes import class_of
+from model.evaluation.comparison import ORACLE, RETRIEVAL, references
 from model.evaluation.conditions import png
-from model.evaluation.evaluate import PREDICTED_POINTS, chosen_views, in_threads
+from model.evaluation.evaluate import PREDICTED_POINTS, Evaluation, chosen_views, in_threads
 from model.evaluation.paper.record import PaperRecord, Trial, rounded
 from model.evaluation.paper.suites import CD, TRAVEL
 from model.evaluation.timing import network_decoder
-from model.metrics import compare
+from model.metrics import NAMES, compare
 from model.networks.decoders import Hof
 from model.networks.encoder import predicted_mask
 from model.provenance import provenance
@@ -34,13 +35,19 @@ Values = npt.NDArray[np.float64]
 
 
 def measure_suite(
-    experiment: str, runs: Mapping[tuple[str, int], Path], data: Path, split: Split = "test", every_view: bool = False
+    experiment: str,
+    runs: Mapping[tuple[str, int], Path],
+    data: Path,
+    split: Split = "test",
+    every_view: bool = False,
+    with_references: bool = False,
 ) -> PaperRecord:
     """Measure finished runs, by variant and seed.
 
     Parameters
     ----------
     every_view : measure all views against all true points, as EPCG's protocol does.
+    with_references : measure image retrieval and the oracle nearest neighbor too.
 
     Raises
     ------
@@ -58,6 +65,9 @@ def measure_suite(
                 about[name] = _about(runs[name, seed], network, config, state)
         figures = {figure: rounded(np.mean([column[figure] for column in columns], axis=0)) for figure in columns[0]}
         trials.append(Trial(name, figures))
+    if with_references:
+        chosen = (each for each in references(data, split, seeds[0]) if each.method in (RETRIEVAL, ORACLE))
+        trials += [Trial(each.method, _of_reference(each)) for each in chosen]
     setting = {
         "split": split,
         "objects": len(entries),
@@ -100,6 +110,13 @@ def _figures(
 
     rows = in_threads(figures, entries, title)
     return {figure: np.array([row[figure] for row in rows]) for figure in rows[0]}
+
+
+def _of_reference(evaluation: Evaluation) -> dict[str, list[float | None]]:
+    """Return the figures of a method that needs no training."""
+    figures = {name: evaluation.column(name) for name in NAMES}
+    figures[CD] = (figures["cd_forward"] + figures["cd_backward"]) / 2
+    return {name: rounded(values) for name, values in figures.items()}
 
 
 def _about(run: Path, network: nn.Module, config: TrainConfig, state: Mapping[str, Any]) -> dict[str, Any]:

@@ -6,13 +6,14 @@ import numpy as np
 
 from model.evaluation.locations import PAPER
 from model.evaluation.paper.record import PaperRecord
-from model.evaluation.paper.suites import PICTURED, Claim, Suite
-from model.metrics import interval
-from model.report.tables import spread, table
+from model.evaluation.paper.suites import CD, PICTURED, Claim, Suite
+from model.metrics import class_uniform, interval
+from model.report.tables import by_class, spread, table
 
 FIGURES: Final = ("cd_forward", "cd_backward", "f@1%", "f@2%", "f@5%")
+HEADS: Final = ("CD(P,T)", "CD(T,P)", "F@1%", "F@2%", "F@5%")
 CLOSE: Final = 0.05  # of the base's figure: farther away is another quality
-FLAT: Final = 0.25  # last share of a run in which its curve should not rise any more
+QUARTERS: Final = (0.25, 0.5, 0.75, 1.0)
 
 
 def section(suite: Suite, record: PaperRecord) -> str:
@@ -32,7 +33,7 @@ otherwise, {setting["split"]} split, {setting["objects"]} objects, {views}, {set
 
 {_figures(record)}
 
-{_paper(suite)}{_curves(about)}{_picture(record)}
+{_by_class(record) if suite.is_by_class else ""}{_paper(suite)}{_curves(about)}{_picture(record)}
 
 The paper's claims, on the mean of both distances; differences are paired over objects. As good as means within
 {CLOSE:.0%}:
@@ -44,14 +45,26 @@ def _figures(record: PaperRecord) -> str:
     rows = []
     extra = [name for name in ("travel",) if any(name in trial.figures for trial in record.trials)]
     for trial in record.trials:
-        about = record.setting["variants"][trial.method]
         cells = [spread(interval(trial.column(name))) for name in FIGURES]
         cells += [spread(interval(trial.column(name))) if name in trial.figures else "-" for name in extra]
-        of_image = about["predicted"]
-        share = f"{of_image:,}" if of_image else "-"
-        rows.append([trial.method, *cells, f"{about['parameters']:,}", share, str(about["layers"])])
-    columns = ["variant", "CD(P,T)", "CD(T,P)", "F@1%", "F@2%", "F@5%", *extra, "decoder parameters"]
-    return table([*columns, "of these from the image", "layers"], rows)
+        about = record.setting["variants"].get(trial.method, {})  # none of a method that is not trained
+        numbers = [about.get("parameters"), about.get("predicted"), about.get("layers")]
+        rows.append([trial.method, *cells, *(f"{number:,}" if number else "-" for number in numbers)])
+    head = ["variant", *HEADS, *extra, "decoder parameters", "of these from the image", "layers"]
+    return table(head, rows)
+
+
+def _by_class(record: PaperRecord) -> str:
+    """Return the class-uniform means of all figures, and two figures by class."""
+    rows = [
+        [trial.method, *(spread(class_uniform(trial.column(name), record.classes)) for name in FIGURES)]
+        for trial in record.trials
+    ]
+    parts = [f"Class-uniform means, every class counting equally:\n\n{table(['variant', *HEADS], rows)}"]
+    for title, name in (("Mean of both distances", CD), ("F@1%", "f@1%")):
+        columns = {trial.method: trial.column(name) for trial in record.trials}
+        parts.append(f"{title} by class:\n\n{by_class(columns, record.classes)}")
+    return "\n\n".join(parts) + "\n\n"
 
 
 def _paper(suite: Suite) -> str:
@@ -76,13 +89,15 @@ Slices of the ball in red, and where they land in green:
 
 
 def _curves(about: dict[str, Any]) -> str:
-    """Return how much the validation still gained at the end of each run."""
-    parts = []
+    """Return the validation's F@1% after each quarter of each run, and what it gained in the last one."""
+    rows = []
     for name, each in about.items():
-        curve = each["curve"]
-        late = [value for step, value in curve if step >= (1 - FLAT) * each["steps"]]
-        parts.append(f"{name} {late[-1] - late[0]:+.4f}" if len(late) > 1 else f"{name} not known")
-    return f"F@1% that validation gained over the last quarter of each run: {'; '.join(parts)}."
+        reached = [[value for step, value in each["curve"] if step <= share * each["steps"]] for share in QUARTERS]
+        late = [value for step, value in each["curve"] if step >= QUARTERS[-2] * each["steps"]]
+        gain = f"{late[-1] - late[0]:+.4f}" if len(late) > 1 else "-"
+        rows.append([name, *(f"{values[-1]:.4f}" if values else "-" for values in reached), gain])
+    head = ["variant", *(f"{share:.0%} of the steps" for share in QUARTERS), "gained in the last quarter"]
+    return f"F@1% on the validation split, whose curve is flat where the last gain is near 0:\n\n{table(head, rows)}"
 
 
 def verdict(record: PaperRecord, claim: Claim) -> str:

@@ -10,13 +10,15 @@ import pytest
 import torch
 
 from model import cli
-from model.config import COMPARED_RUN, DeviceOptions
+from model.config import COMPARED_RUN, ON_CPU, DeviceOptions
 from model.data.manifest import Manifest
 from model.data.packed.cameras import CAMERAS
 from model.data.packed.options import PackOptions
 from model.data.packed.pack import pack
+from model.evaluation.comparison import ORACLE, RETRIEVAL
 from model.evaluation.paper.record import PaperRecord, Trial
 from model.evaluation.paper.suites import PICTURED, SUITES, Claim
+from model.evaluation.paper.trained import measure_suite
 from model.evaluation.paper.training import configs, is_finished, run_folder, train_suite
 from model.networks.decoders import make_network
 from model.report.paper.trained import section, verdict
@@ -94,6 +96,18 @@ def test_command_trains_measures_and_writes_the_page(name: str, data: Path, tmp_
     before = {path: path.stat().st_mtime_ns for path in (tmp_path / "runs").rglob("last.pt")}
     assert cli.main([*command, "--train-only"]) == 0  # finished runs are not trained again
     assert {path: path.stat().st_mtime_ns for path in (tmp_path / "runs").rglob("last.pt")} == before
+
+
+@pytest.mark.slow
+def test_measure_suite_with_references_measures_methods_that_are_not_trained(data: Path, tmp_path: Path) -> None:
+    table1 = SUITES["table1"]
+    alone = replace(table1, variants={"HOF-1": table1.variants["HOF-1"]})
+    folders = train_suite("table1", alone, replace(SMALL, steps=1), [0], data, tmp_path, ON_CPU)
+    assert folders is not None
+    record = measure_suite("table1", folders, data, with_references=True)
+    assert [trial.method for trial in record.trials] == ["HOF-1", RETRIEVAL, ORACLE]
+    for trial in record.trials:
+        assert np.isfinite(trial.column("cd")).all()
 
 
 @pytest.mark.slow
@@ -193,5 +207,17 @@ def test_section_shows_setting_parameters_curves_and_claims() -> None:
     record = _record(**{name: [1.0 - 0.1 * index] * 4 for index, name in enumerate(names)})
     text = section(SUITES["parts"], record)
     assert "100 steps of 4 images" in text
-    assert "all of theta +0.0500" in text
+    assert "| all of theta | - | 0.1000 | 0.1000 | 0.2500 | +0.0500 |" in text
     assert text.count("holds") == len(SUITES["parts"].claims)
+
+
+def test_section_of_table_1_has_classes_and_methods_that_are_not_trained() -> None:
+    names = list(SUITES["table1"].variants)
+    record = _record(**{name: [1.0, 1.0, 1.0, 4.0] for name in [*names, "image retrieval"]})
+    del record.setting["variants"]["image retrieval"]
+    text = section(SUITES["table1"], replace(record, experiment="table1", classes=["chair", "chair", "chair", "sofa"]))
+    cells = " | ".join(["2.500 (2.500 to 2.500)"] * 5)
+    assert f"| HOF-1 | {cells} |" in text
+    assert "| image retrieval | " in text
+    assert text.count("| sofa | 1 | 4.000 |") == 2
+    assert text.count("| **class-weighted** | 4 | 1.750 ") == 2
