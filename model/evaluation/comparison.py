@@ -94,17 +94,6 @@ def run_record(
     return _record(name, split, objects, evaluations, origin, network_decoder(network, config))
 
 
-def run_answer(run: Path, seed: int = 0) -> Answer:
-    """Read a run's network, of any method, and return its answers (`network_answer`).
-
-    Raises
-    ------
-    FileNotFoundError : no checkpoint.
-    """
-    network, config, _ = load_network(chosen_checkpoint(run))
-    return network_answer(run, network, config, seed)
-
-
 def network_answer(run: Path, network: nn.Module, config: TrainConfig, seed: int = 0) -> Answer:
     """Return a function that answers as a run's network, of any method, does.
 

@@ -19,14 +19,16 @@ import numpy as np
 import numpy.typing as npt
 from tqdm import tqdm
 
+from model.config import COMPARED_METHODS
 from model.data.manifest import Split
 from model.evaluation.classes import class_of
-from model.evaluation.comparison import ELLIPSOID, ORACLE, RETRIEVAL, run_answer
+from model.evaluation.comparison import ELLIPSOID, ORACLE, RETRIEVAL, network_answer
 from model.evaluation.conditions import png
 from model.evaluation.evaluate import PREDICTED_POINTS, VIEWS, Case, cases, draw, encode_photo, in_threads
 from model.evaluation.paper.record import PaperRecord, Trial, rounded
 from model.evaluation.references.methods import Retrieval, Training, matched_ellipsoid
 from model.provenance import provenance
+from model.training.checkpoints import chosen_checkpoint, load_network
 from service.encoding.encoder import Encoder
 from service.mapping.box import measure
 from service.mapping.sampler import Sampler
@@ -62,7 +64,7 @@ def measure_paths(model: Path, data: Path, split: Split, seed: int = 0, runs: Se
 
     Parameters
     ----------
-    runs : runs of `hof-model train` of any method, measured too; each is named after its folder.
+    runs : runs of any method, measured too; each is named as in Table 1, or else after its folder.
 
     Raises
     ------
@@ -185,8 +187,11 @@ def _predict(encoder: Encoder) -> Shapes:
 
 def _predict_trained(run: Path, seed: int) -> Shapes:
     """Return the predictions of a trained network that is not exported."""
-    answer = run_answer(run, seed)
-    return lambda case, photo: {run.name: answer(photo, PREDICTED_POINTS)}
+    network, config, state = load_network(chosen_checkpoint(run))
+    answer, steps = network_answer(run, network, config, seed), config.steps or state["step"]
+    known = (each.name for each in COMPARED_METHODS if (each.method, each.spec) == (config.method, config.spec))
+    name = f"{next(known, run.name)}, {steps:,} steps"
+    return lambda case, photo: {name: answer(photo, PREDICTED_POINTS)}
 
 
 def _references(data: Path, seed: int) -> Shapes:

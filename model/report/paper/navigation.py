@@ -21,7 +21,8 @@ PAPER: Final = {
 }
 SUCCESS: Final = 0.989  # of HOF in that table
 CHAIR: Final = "chair"
-DIRECT: Final = "direct"  # the folders of such runs of `hof-model retrain` begin with it
+DIRECT: Final = "direct decoder"  # trained ones are named `direct decoder, N steps`
+HOF: Final = "HOF-1"
 
 Mask = npt.NDArray[np.bool_]
 
@@ -104,13 +105,16 @@ and look again on its way."""
 
 
 def _against_direct(record: PaperRecord, ours: Trial) -> str:
-    """Return the verdict on the direct decoder, or why there is none."""
+    """Return the verdict on the direct decoder, beside HOF-1 of as many steps if that was measured; or why not."""
     claim = "Success above that of a direct decoder"
-    direct = next((trial for trial in record.trials if trial.method.split("-")[0] == DIRECT), None)
+    trained = {trial.method: trial for trial in record.trials}
+    direct = next((name for name in trained if name.startswith(f"{DIRECT}, ")), None)
     if direct:
-        return f"{claim}: {_difference(ours, direct, 'success')}."
+        alike = direct.replace(DIRECT, HOF)
+        of = f" ({alike} minus {direct})" if alike in trained else ""
+        return f"{claim}{of}: {_difference(trained.get(alike, ours), trained[direct], 'success')}."
     return (
-        f"{claim}: not measured, because no trained one is kept. `hof-model retrain {DIRECT}` trains one, and "
+        f"{claim}: not measured, because no trained one is kept. `hof-model train --method direct` trains one, and "
         f"`hof-model paper paths --run FOLDER` measures it."
     )
 

@@ -42,7 +42,8 @@ HEAD: Final = """# The paper's experiments on our data
 Experiments of Mitchell et al., *Higher-Order Function Networks for Learning Composable 3D Object Representations*
 (2020), repeated on the open data of [docs/training.md](docs/training.md). `hof-model paper NAME` runs one and writes
 its record below `model/results/paper/`; `make paper` writes this page from the records. The paper's own figures are of
-another data set and scale: compare orders and differences, not values. Table 1 is in [RESULTS.md](RESULTS.md)."""
+another data set and scale: compare orders and differences, not values. [RESULTS.md](RESULTS.md) is about the shipped
+models."""
 
 
 def write(root: Path) -> Path:

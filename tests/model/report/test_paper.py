@@ -43,9 +43,18 @@ def test_section_says_which_claims_hold() -> None:
 
 
 def test_section_with_a_direct_decoder_compares_it() -> None:
-    text = navigation.section(_record(0.995, ["chair"] * 4, _trial("direct-1500-0", 0.7)))
+    text = navigation.section(_record(0.995, ["chair"] * 4, _trial("direct decoder, 9 steps", 0.7)))
     assert "Success above that of a direct decoder: holds" in text
     assert "Success of 0.989 on chairs: reached" in text
+
+
+def test_section_with_a_direct_decoder_and_hof_of_as_many_steps_compares_these() -> None:
+    others = (_trial("HOF-1, 9 steps", 0.6), _trial("direct decoder, 9 steps", 0.7))
+    text = navigation.section(_record(0.995, ["chair"] * 4, *others))
+    assert (
+        "direct decoder (HOF-1, 9 steps minus direct decoder, 9 steps): does not hold, -0.100 (-0.100 to -0.100)"
+        in text
+    )
 
 
 def test_section_without_chairs_or_successes_has_no_figures_for_them() -> None:
