@@ -14,6 +14,14 @@ if TYPE_CHECKING:
 Number = int | float
 
 
+class Parser(argparse.ArgumentParser):
+    """A parser that refuses abbreviated flags: `--minute` is not `--minutes`. Parsers of stages do as well."""
+
+    def __init__(self, *args: Any, **options: Any) -> None:  # noqa: ANN401 - as argparse.ArgumentParser
+        super().__init__(*args, **options)
+        self.allow_abbrev = False
+
+
 def add_flags(
     stage: argparse._ActionsContainer, config: "DataclassInstance", only: Collection[str] | None = None
 ) -> None:

@@ -7,6 +7,7 @@ from typing import Final
 
 from model.cli import data, evaluate, fit, heads, paper, train
 from model.cli.common import resolve_data
+from model.cli.flags import Parser
 from service.errors import HofError
 
 INTERRUPTED: Final = 130  # as shells report SIGINT
@@ -27,7 +28,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="hof-model", description=__doc__)
+    parser = Parser(prog="hof-model", description=__doc__)
     stages = parser.add_subparsers(required=True, metavar="STAGE")
     data.add_stages(stages.add_parser("data", help="build or look at a data set").add_subparsers(required=True))
     train.add_stages(stages)

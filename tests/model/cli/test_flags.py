@@ -118,6 +118,12 @@ def test_train_with_a_bad_number_names_flag_value_and_limit(
     assert f"argument {flag}: {value!r} is not {allowed}" in capsys.readouterr().err
 
 
+def test_train_with_an_abbreviated_flag_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        config_of("--minute", 5)
+    assert "unrecognized arguments: --minute 5" in capsys.readouterr().err
+
+
 def test_train_with_a_bad_size_or_choice_names_what_is_allowed(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(ValueError, match="--size is 100, it must be a multiple of 32 pixels"):
         config_of("--size", 100)
