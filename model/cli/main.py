@@ -28,7 +28,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = Parser(prog="hof-model", description=__doc__)
+    parser: argparse.ArgumentParser = Parser(prog="hof-model", description=__doc__)
     stages = parser.add_subparsers(required=True, metavar="STAGE")
     data.add_stages(stages.add_parser("data", help="build or look at a data set").add_subparsers(required=True))
     train.add_stages(stages)
