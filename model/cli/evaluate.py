@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from model.cli.common import ROOT, SHIPPED, add_data, add_run, add_seed
+from model.cli.common import ROOT, SHIPPED, SHIPPED_POINTS, add_data, add_run, add_seed
 from model.data.manifest import SPLITS
 
 if TYPE_CHECKING:
@@ -188,5 +188,6 @@ def _surfaces(arguments: argparse.Namespace) -> None:
 def _results(arguments: argparse.Namespace) -> None:
     from model.report.results import report
 
-    models = arguments.model or [SHIPPED, *sorted(set(SHIPPED.parent.glob("*.onnx")) - {SHIPPED})]
+    others = set(SHIPPED.parent.glob("*.onnx")) - {SHIPPED, SHIPPED_POINTS}
+    models = arguments.model or [SHIPPED, *sorted(others)]
     print(report(models, arguments.data, arguments.split, arguments.out, arguments.seed))

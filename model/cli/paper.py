@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Final
 
-from model.cli.common import ROOT, SHIPPED, add_data, add_seed
+from model.cli.common import ROOT, SHIPPED, SHIPPED_POINTS, add_data, add_seed
 from model.cli.data import add_source, records_of
 from model.cli.fit import STEPS
 from model.cli.flags import number
@@ -49,7 +49,7 @@ def add_stage(stages: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     _add_measured(views)
     points = experiments.add_parser(POINTS, help="the whole object from points of a part of its surface")
     points.set_defaults(run=_points)
-    _add_measured(points, model=None)
+    _add_measured(points, SHIPPED_POINTS)
     runtime = experiments.add_parser(RUNTIME, help="time to map n points, of HOF and the decoders it is compared with")
     runtime.set_defaults(run=_runtime)
     add_seed(runtime)
@@ -72,12 +72,11 @@ def _add_fit(stage: argparse.ArgumentParser) -> None:
     _add_out(stage)
 
 
-def _add_measured(stage: argparse.ArgumentParser, model: Path | None = SHIPPED) -> None:
-    """Add the flags of an experiment that measures an encoder on a split; without a default `model` one is required."""
+def _add_measured(stage: argparse.ArgumentParser, model: Path = SHIPPED) -> None:
+    """Add the flags of an experiment that measures an encoder, by default `model`, on a split."""
     add_data(stage)
     add_seed(stage)
-    text = "exported encoder of points" if model is None else "exported encoder; default: the shipped one"
-    stage.add_argument("--model", type=Path, default=model, required=model is None, help=text)
+    stage.add_argument("--model", type=Path, default=model, help=f"exported encoder; default: {model.name}")
     stage.add_argument("--split", choices=SPLITS, default="test", help="split to measure on; default: test")
     _add_out(stage)
 
@@ -141,11 +140,13 @@ def _runtime(arguments: argparse.Namespace) -> None:
 
 
 def _points(arguments: argparse.Namespace) -> None:
-    from model.evaluation.paper.completion import EXPERIMENT, measure_points
+    from model.evaluation.paper.completion import EXPERIMENT, draw_completed, measure_points
     from model.report.paper.page import record_path, write
 
-    record = measure_points(arguments.model, arguments.data, arguments.split, arguments.seed)
-    record.write(record_path(arguments.out, EXPERIMENT))
+    measured = (arguments.model, arguments.data, arguments.split, arguments.seed)
+    path = record_path(arguments.out, EXPERIMENT)
+    measure_points(*measured).write(path)
+    draw_completed(*measured).quantize(64).save(path.with_suffix(".png"), optimize=True)
     print(write(arguments.out))
 
 

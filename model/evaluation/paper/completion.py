@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 import torch
+from PIL import Image
 
 from model.data.manifest import Split
 from model.data.rendering.partial import fixed_parts
@@ -27,6 +28,7 @@ from model.evaluation.evaluate import (
 from model.evaluation.paper.record import PaperRecord, Trial, rounded
 from model.metrics import NAMES, compare
 from model.provenance import provenance
+from service.drawing.words import sheet
 from service.encoding.clouds import normalize
 from service.encoding.encoder import Encoder
 
@@ -34,6 +36,8 @@ EXPERIMENT: Final = "points"
 PARTS: Final = 4  # of each object
 SHARES: Final = (0.25, 0.5, 0.75, 1.0)  # of the surface, seen on one side of a plane
 COUNTS: Final = (64, 256, 1_024, 2_048)  # points of a part
+SHOWN: Final = 8  # objects of the picture
+CELL: Final = 240  # pixels
 COMPLETED: Final = "completed"
 ALONE: Final = "the part alone"
 
@@ -82,7 +86,7 @@ def measure_points(model: Path, data: Path, split: Split, seed: int = 0) -> Pape
     """
     encoder, objects = Encoder.open(model, threads=1), list(cases(data, split))
     if encoder.takes != "points":
-        raise ValueError(f"the model {model} takes images: name one of `hof-model train --trunk pointnet`")
+        raise ValueError(f"the model {model} takes images: name one of `hof-model train --trunk grid`")
 
     def figures(case: Case) -> dict[str, dict[str, float]]:
         return {
@@ -99,6 +103,16 @@ def measure_points(model: Path, data: Path, split: Split, seed: int = 0) -> Pape
     ]
     ids, classes = [case.entry.id for case in objects], [class_of(case.entry) for case in objects]
     return PaperRecord(EXPERIMENT, setting, origin, ids, classes, trials)
+
+
+def draw_completed(model: Path, data: Path, split: Split, seed: int = 0) -> Image.Image:
+    """Draw the split's first objects, a row each: a part of half of the surface, the completed object, the true one."""
+    encoder, rows = Encoder.open(model, threads=1), []
+    for case in list(cases(data, split))[:SHOWN]:
+        part = cut(case.points, SHARES[1], COUNTS[-1], seed)
+        clouds = ((f"{case.entry.id}: part", part), (COMPLETED, complete(encoder, part)), ("true object", case.points))
+        rows.append([(label, points, None) for label, points in clouds])
+    return sheet(rows, cell=CELL)
 
 
 def pairs() -> list[tuple[float, int]]:

@@ -2,7 +2,8 @@
 
 from typing import Final
 
-from model.evaluation.paper.completion import ALONE, COMPLETED, COUNTS, SHARES, trial_name
+from model.evaluation.locations import PAPER
+from model.evaluation.paper.completion import ALONE, COMPLETED, COUNTS, EXPERIMENT, SHARES, trial_name
 from model.evaluation.paper.record import PaperRecord
 from model.metrics import interval
 from model.report.tables import spread, table
@@ -31,7 +32,11 @@ By share of the surface, {COUNTS[-1]:,} points:
 
 By number of points, {SHARES[1]:.0%} of the surface:
 
-{_table(record, "points", by_count)}"""
+{_table(record, "points", by_count)}
+
+The first objects, from half of the surface:
+
+![parts, completed objects, true objects]({PAPER}/{EXPERIMENT}.png)"""
 
 
 def _table(record: PaperRecord, heading: str, rows: list[tuple[str, float, int]]) -> str:

@@ -3,11 +3,13 @@
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from model import cli
-from model.evaluation.paper.completion import ALONE, COUNTS, EXPERIMENT, SHARES, cut, trial_name
+from model.evaluation.paper.completion import ALONE, CELL, COUNTS, EXPERIMENT, SHARES, cut, trial_name
 from model.evaluation.paper.record import PaperRecord
 from model.report.paper.page import record_path
+from service.drawing.words import LABEL
 from tests.support.small import data
 from tests.support.small import model as tiny_model
 
@@ -24,6 +26,9 @@ def test_paper_points_measures_by_share_and_by_count(tmp_path: Path) -> None:
     page = (tmp_path / "PAPER.md").read_text()
     assert "## Points of a part of an object" in page
     assert "25%, completed" in page
+    assert "results/paper/points.png)" in page
+    with Image.open(record_path(tmp_path, EXPERIMENT).with_suffix(".png")) as picture:
+        assert picture.size == (3 * CELL, 2 * (CELL + LABEL))
 
 
 def test_paper_points_of_an_encoder_of_images_fails(
@@ -31,7 +36,7 @@ def test_paper_points_of_an_encoder_of_images_fails(
 ) -> None:
     folder = data.write(tmp_path / "data", train=1, test=1)
     assert cli.main(["paper", "points", "--model", str(model_path), "--data", str(folder), "-o", str(tmp_path)]) == 2
-    assert "takes images: name one of `hof-model train --trunk pointnet`" in capsys.readouterr().err
+    assert "takes images: name one of `hof-model train --trunk grid`" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("share", SHARES)
