@@ -27,7 +27,11 @@ class DenseMaps(nn.Sequential):
 
     def forward(self, images: Tensor) -> Tensor:
         """Return the feature maps: (b, channels, s, s) in [0, 1] -> (b, `maps`, s / `stride`, s / `stride`)."""
-        maps: Tensor = super().forward(2 * images - 1)  # type: ignore[no-untyped-call]
+        return self.convolve(2 * images - 1)
+
+    def convolve(self, x: Tensor) -> Tensor:
+        """Return the feature maps of values around 0, or of few that are not: shapes as of `forward`."""
+        maps: Tensor = super().forward(x)  # type: ignore[no-untyped-call]
         return maps
 
 
@@ -67,7 +71,7 @@ class GridMaps(nn.Module):
     def forward(self, points: Tensor) -> Tensor:
         """Return the features: (b, n, 3), box centered at the origin, its longest side 1 -> (b, `maps`)."""
         x, y, z = ((points + 0.5) * SIDE).long().clamp(0, SIDE - 1).unbind(2)
-        cells = points.new_zeros(points.shape[0], SIDE**3).scatter(1, (y * SIDE + z) * SIDE + x, 1.0)
-        grid = cells.view(-1, SIDE, SIDE, SIDE).contiguous(memory_format=torch.channels_last)
-        features: Tensor = self.slices(grid).flatten(1)
+        cells = points.new_zeros(points.shape[0], SIDE**3).scatter(1, (z * SIDE + x) * SIDE + y, 1.0)
+        slices = cells.view(-1, SIDE, SIDE, SIDE).permute(0, 3, 1, 2)  # (b, y, z, x), channels last in memory
+        features: Tensor = self.slices.convolve(slices).flatten(1)
         return features
