@@ -36,7 +36,7 @@ otherwise, {setting["split"]} split, {setting["objects"]} objects, {views}, {set
 {_by_class(record) if suite.is_by_class else ""}{_paper(suite)}{_curves(about)}{_picture(record)}
 
 The paper's claims, on the mean of both distances; differences are paired over objects. As good as means within
-{CLOSE:.0%}:
+{CLOSE:.0%}.{_seeds(setting["seeds"])}
 
 {chr(10).join(f"- {claim.text}: {verdict(record, claim)}." for claim in suite.claims)}"""
 
@@ -52,6 +52,13 @@ def _figures(record: PaperRecord) -> str:
         rows.append([trial.method, *cells, *(f"{number:,}" if number else "-" for number in numbers)])
     head = ["variant", *HEADS, *extra, "decoder parameters", "of these from the image", "layers"]
     return table(head, rows)
+
+
+def _seeds(seeds: list[int]) -> str:
+    """Return what the intervals do not tell if each network was trained once."""
+    if len(seeds) > 1:
+        return ""
+    return " Each network was trained once: the intervals do not tell how much another seed would change."
 
 
 def _by_class(record: PaperRecord) -> str:
