@@ -50,6 +50,11 @@ export async function encode(photo, { background } = {}, signal) {
   }
 }
 
+/** Scans are completed by a service: the page has no model of points. */
+export async function complete() {
+  throw new Problem("Unsupported media type", "scans and meshes are completed by a service");
+}
+
 async function openEncoder() {
   const answer = await fetch(new URL(`../models/${MODEL}.onnx`, import.meta.url));
   if (!answer.ok) throw new Problem("No model", `the web server answered ${answer.status} for the model's file`);

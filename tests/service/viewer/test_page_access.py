@@ -29,6 +29,20 @@ def test_error_of_the_service_is_shown_until_closed(page: Page, tmp_path: Path) 
     expect(problem).to_contain_text("Invalid parameter")
 
 
+def test_scan_without_a_model_for_it_is_refused_before_it_is_sent(page: Page, tmp_path: Path) -> None:
+    (tmp_path / "part.ply").write_bytes(b"ply")
+    sent: list[str] = []
+    page.on("request", lambda request: sent.append(request.url) if "/encode" in request.url else None)
+    assert (page.locator("#file").get_attribute("accept") or "").endswith("image/avif")
+    expect(page.locator("#scans")).to_be_hidden()
+    page.set_input_files("#file", tmp_path / "part.ply")
+    expect(page.locator("#problem")).to_contain_text("Photos only")
+    expect(page.locator("#problem")).to_contain_text("Scans and meshes cannot be completed here.")
+    expect(page.locator("#framing")).to_be_hidden()
+    expect(page.locator("#count")).to_have_text("10,000 points")  # the object stays
+    assert sent == []
+
+
 def test_key_dialog_opens_once_and_the_key_is_used(browser: Browser, model_path: Path, tmp_path: Path) -> None:
     token, key = make_key("visitor", frozenset({"read", "write"}))
     (tmp_path / "keys").write_text(key.line)

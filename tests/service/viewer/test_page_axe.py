@@ -13,6 +13,8 @@ from service.api.keys import make_key
 from service.settings import Settings
 from tests.support.browsing import PICTURES, QUICK_LOOK, TIMEOUT_MS, TRIANGLES, opened, photo
 from tests.support.server import running
+from tests.support.small import model as tiny_model
+from tests.support.small.data import box
 
 AXE = Path(__file__).parent / "tools" / "node_modules" / "axe-core" / "axe.min.js"
 RULES = {"type": "tag", "values": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]}
@@ -182,6 +184,20 @@ def test_controls_of_augmented_reality_have_no_fault_that_axe_finds(
         opened(page, address)
         expect(page.locator("#ar")).to_be_visible()
         assert _faults(page, "ar", looks) == []
+
+
+def test_scan_has_no_fault_that_axe_finds(browser: Browser, model_path: Path, tmp_path: Path, looks: Looks) -> None:
+    models = (model_path, tiny_model.build_points(tmp_path / "points.onnx"))
+    content = "\n".join(f"{x} {y} {z}" for x, y, z in box(0)[:100]).encode()
+    settings = Settings(model=models, database_url=f"sqlite:///{tmp_path / 'hof.db'}", threads=1)
+    with running(settings) as server, _context(browser, looks) as context:
+        page = context.new_page()
+        page.goto(f"http://127.0.0.1:{server.port}/")
+        page.set_input_files("#file", {"name": "a_scan_with_a_long_name.xyz", "mimeType": "", "buffer": content})
+        expect(page.locator("#framing figcaption")).to_contain_text("100 points", timeout=TIMEOUT_MS)
+        expect(page.locator("#count")).to_have_text(TRIANGLES, timeout=TIMEOUT_MS)
+        expect(page.locator("#scans")).to_be_visible()
+        assert _faults(page, "scan", looks) == []
 
 
 def test_key_dialog_has_no_fault_that_axe_finds(

@@ -162,6 +162,12 @@ def test_file_that_is_no_image_is_an_error_with_its_reason(alone: Page, tmp_path
     expect(alone.locator("#problem")).to_contain_text("cannot read the file as an image")
 
 
+def test_scan_is_refused_with_a_notice(alone: Page) -> None:
+    alone.locator("#file").set_input_files({"name": "part.ply", "mimeType": "", "buffer": b"ply"})
+    expect(alone.locator("#problem")).to_contain_text("Scans and meshes cannot be completed here.")
+    expect(alone.locator("#scans")).to_be_hidden()
+
+
 def test_features_that_need_a_service_are_hidden(alone: Page) -> None:
     _choose(alone, photo("chair"), _show_points(alone))
     alone.get_by_text("Advanced").click()

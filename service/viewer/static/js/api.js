@@ -74,17 +74,27 @@ export async function listModels() {
   return (await (await call("models")).json()).models;
 }
 
-/** The path that encodes a photo; `query` has what differs from the service's defaults. */
+/** The path that encodes a photo or scan; `query` has what differs from the service's defaults. */
 export function encodePath(query) {
   const parameters = new URLSearchParams(query);
   return parameters.size ? `encode?${parameters}` : "encode";
 }
 
 /** Encode a photo (File) and return the stored object. */
-export async function encode(photo, query, signal) {
+export function encode(photo, query, signal) {
+  return post(encodePath(query), "image", photo, signal);
+}
+
+/** Complete a scan or mesh (File) and return the stored object. */
+export function complete(scan, signal) {
+  return post(encodePath(), "points", scan, signal);
+}
+
+/** Send a form with a file in it, and return the answer's object. */
+async function post(path, field, file, signal) {
   const form = new FormData();
-  form.append("image", photo);
-  return (await call(encodePath(query), { method: "POST", body: form, signal })).json();
+  form.append(field, file);
+  return (await call(path, { method: "POST", body: form, signal })).json();
 }
 
 /** Whether pages of other sites may show an object of this service in a frame. */

@@ -17,8 +17,9 @@ export function isFilled({ item }) {
   return item.firstElementChild !== null;
 }
 
-export function nameOf(object) {
-  return object.label ?? `${text(object.kind)} ${object.id.slice(0, 6)}`;
+export function nameOf({ label, kind, image, id }) {
+  const isOfScan = kind === "encoded" && !image; // or of a photo that an older service encoded
+  return label ?? `${text(isOfScan ? "object" : kind)} ${id.slice(0, 6)}`;
 }
 
 /** Return whether an object can be part of a mix: it is no mix itself, and its function is applied more than once. */
