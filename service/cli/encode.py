@@ -16,18 +16,19 @@ from service.cli.files import (
     write_file,
     write_points,
 )
+from service.encoding.completion import complete
 from service.encoding.encoder import Encoded, Encoder, Input
 from service.encoding.framing import Framed, preprocess
 from service.encoding.matting import Matting
 from service.encoding.registry import Models
 from service.encoding.report import ImageReport
 from service.errors import HofError, InvalidParameter
-from service.formats.scans.read import kind_of
+from service.formats.scans.read import kind_of, read_points
 from service.formats.weights import WEIGHT_FORMATS, Weights, dump
 from service.labels import clean_label
 from service.mapping.box import measure
 from service.mapping.frame import Frame
-from service.runtime.inputs.scans import Placement, point_input
+from service.runtime.inputs.scans import Placement
 from service.runtime.inputs.views import MAX_IMAGES, averaged
 from service.runtime.options import EncodeOptions
 from service.settings import Settings
@@ -79,10 +80,9 @@ def _complete(arguments: argparse.Namespace, settings: Settings, paths: Sequence
         raise InvalidParameter(f"{name} has points: --view is for photos", field="view")
     encoder = _encoder(settings, "points")
     try:
-        sent = point_input(data, encoder)
+        sent, functions = complete(encoder, read_points(data))
     except HofError as error:
         raise error.prefixed(name) from error
-    functions = encoder.encode(sent.tensor)[0]
     frame = measure(encoder.spec, functions.theta)
     result = _write(arguments, encoder, functions, frame, None)
     print(f"hof: {name}: {Placement.of(sent, frame)}", f"hof: {result}", sep="\n", file=sys.stderr)

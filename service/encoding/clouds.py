@@ -4,6 +4,7 @@ centered and scaled by their own box -> at most `count` of them, chosen at rando
 encoder's maximum over points does not see -> (1, count, 3) float32.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -12,6 +13,8 @@ import numpy.typing as npt
 
 from service.errors import InvalidParameter
 from service.mapping.spec import Array
+
+Doubles = npt.NDArray[np.float64]
 
 LEAST_POINTS: Final = 64
 MOST_POINTS: Final = 2_048  # that an encoder is trained with
@@ -27,16 +30,33 @@ class PointInput:
     center : of the points' box, in the sender's frame.
     scale : longest side of that box, in the sender's unit.
     count : number of points that were sent.
+    turn : degrees about +Y by which the sender's points are turned; the tensor's are not.
     """
 
     tensor: Array
     center: tuple[float, float, float]
     scale: float
     count: int
+    turn: float = 0.0
+
+    def place(self, points: npt.NDArray[np.floating[Any]]) -> Doubles:
+        """Return points (n, 3) of the tensor's frame in the sender's frame."""
+        placed: Doubles = self.scale * points @ rotation(self.turn).T + np.array(self.center)
+        return placed
 
 
-def normalize(points: npt.NDArray[np.floating[Any]], count: int) -> PointInput:
+def rotation(turn: float) -> Doubles:
+    """Return the matrix (3, 3) that turns points about +Y by `turn` degrees."""
+    cos, sin = math.cos(math.radians(turn)), math.sin(math.radians(turn))
+    return np.array([[cos, 0, sin], [0, 1, 0], [-sin, 0, cos]])
+
+
+def normalize(points: npt.NDArray[np.floating[Any]], count: int, turn: float = 0.0) -> PointInput:
     """Turn points (n, 3) into the input of an encoder of `count` points.
+
+    Parameters
+    ----------
+    turn : degrees about +Y by which the points are taken to be turned: the input is turned back.
 
     Raises
     ------
@@ -45,6 +65,8 @@ def normalize(points: npt.NDArray[np.floating[Any]], count: int) -> PointInput:
     if len(points) < LEAST_POINTS:
         raise InvalidParameter(f"there are {len(points)} points, at least {LEAST_POINTS} are needed", field="points")
     doubles = points.astype(np.float64)
+    if turn:
+        doubles = doubles @ rotation(turn)
     low, high = doubles.min(axis=0), doubles.max(axis=0)
     center, scale = low + (high - low) / 2, float((high - low).max())
     if scale == 0:
@@ -53,5 +75,5 @@ def normalize(points: npt.NDArray[np.floating[Any]], count: int) -> PointInput:
     if len(unit) > count:
         unit = unit[np.random.default_rng(CHOICE_SEED).choice(len(unit), count, replace=False)]
     tensor = np.ascontiguousarray(np.resize(unit, (1, count, 3)), np.float32)
-    x, y, z = map(float, center)
-    return PointInput(tensor, (x, y, z), scale, len(points))
+    x, y, z = map(float, rotation(turn) @ center if turn else center)
+    return PointInput(tensor, (x, y, z), scale, len(points), turn)

@@ -23,7 +23,8 @@ export interface paths {
          *
          *     Several images, views of one object from different sides, make one object: its theta is the mean of theirs.
          *
-         *     Points are completed by a model that takes them. The answer's `placement` puts the whole object where they lie.
+         *     Points are completed by a model that takes them, for the side of the front that fits them best. The answer's
+         *     `placement` puts the whole object where they lie. A repeat of points is encoded again.
          */
         post: operations["encode_encode_post"];
         delete?: never;
@@ -1257,7 +1258,9 @@ export interface components {
         };
         /**
          * Placement
-         * @description The object's place in the frame of the points that were sent: `scale` p + `center`, p in the object frame.
+         * @description The object's place in the frame of the points that were sent.
+         *
+         *     A point of the object frame, turned about +Y by `turn` degrees, is p there, and lies at `scale` p + `center`.
          */
         Placement: {
             /**
@@ -1279,6 +1282,12 @@ export interface components {
              * @example 0.9
              */
             scale: number;
+            /**
+             * Turn
+             * @description degrees about +Y, from +Z to +X; 0 if the front looks along +Z
+             * @example 90
+             */
+            turn: number;
             /**
              * Count
              * @description number of points; of a mesh, that were sampled from its surface

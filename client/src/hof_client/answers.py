@@ -170,15 +170,17 @@ class EncodedWeights:
 class Placement:
     """The place of a completed object in the frame of the points that were sent.
 
-    A point p of the object frame is `scale` p + `center` there; ask for points with `scale` and add `center`.
+    A point of the object frame, turned about +Y by `turn` degrees, is p there, and lies at `scale` p + `center`.
 
     Attributes
     ----------
+    turn : degrees about +Y, from +Z to +X; 0 if the front looks along +Z.
     count : number of points; of a mesh, that were sampled from its surface.
     """
 
     center: tuple[float, float, float]
     scale: float
+    turn: float
     count: int
 
 

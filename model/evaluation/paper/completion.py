@@ -1,7 +1,7 @@
 """Experiment 12: encoders of points, parts of surfaces in, whole objects out, along the path of a user's points.
 
-`service.encoding.clouds` normalizes a part and the ONNX file gives theta; the points of its function go back to the
-frame of the part, and are compared with the true ones there. Distances are in longest sides of the whole object.
+`service.encoding.completion` encodes a part with its front on each side and chooses; the points of the function go back
+to the frame of the part, and are compared with the true ones there. Distances are in longest sides of the whole object.
 """
 
 from collections.abc import Callable
@@ -29,7 +29,7 @@ from model.evaluation.paper.record import PaperRecord, Trial, rounded
 from model.metrics import NAMES, compare
 from model.provenance import provenance
 from service.drawing.words import sheet
-from service.encoding.clouds import normalize
+from service.encoding import completion
 from service.encoding.encoder import Encoder
 
 EXPERIMENT: Final = "points"
@@ -46,10 +46,8 @@ Part = Callable[[Case, int], Floats]  # an object and the number of the part -> 
 
 def complete(encoder: Encoder, part: Floats, n: int = PREDICTED_POINTS) -> Floats:
     """Return n points of the whole object, in the frame and the unit of the part (m, 3)."""
-    sent = normalize(part, encoder.count or len(part))
-    points = draw(encoder.spec, encoder.encode(sent.tensor)[0].theta, n)
-    completed: Floats = (points * sent.scale + np.array(sent.center)).astype(np.float32)
-    return completed
+    sent, functions = completion.complete(encoder, part)
+    return sent.place(draw(encoder.spec, functions.theta, n)).astype(np.float32)
 
 
 def training_part(case: Case, number: int) -> Floats:

@@ -189,8 +189,8 @@ def _predict_trained(run: Path, seed: int) -> Shapes:
     """Return the predictions of a trained network that is not exported."""
     network, config, state = load_network(chosen_checkpoint(run))
     answer, steps = network_answer(run, network, config, seed), config.steps or state["step"]
-    known = (each.name for each in COMPARED_METHODS if (each.method, each.spec) == (config.method, config.spec))
-    name = f"{next(known, run.name)}, {steps:,} steps"
+    names = (each.name for each in COMPARED_METHODS if (each.method, each.spec) == (config.method, config.spec))
+    name = f"{next(names, run.name)}, {steps:,} steps"
     return lambda case, photo: {name: answer(photo, PREDICTED_POINTS)}
 
 

@@ -15,10 +15,14 @@ from service.storage.rows import Record
 
 
 class Placement(BaseModel):
-    """The object's place in the frame of the points that were sent: `scale` p + `center`, p in the object frame."""
+    """The object's place in the frame of the points that were sent.
+
+    A point of the object frame, turned about +Y by `turn` degrees, is p there, and lies at `scale` p + `center`.
+    """
 
     center: tuple[float, float, float] = Field(examples=[(0.1, 0.4, 2.0)])
     scale: float = Field(description="longest side of the object, in the unit of the points", examples=[0.9])
+    turn: float = Field(description="degrees about +Y, from +Z to +X; 0 if the front looks along +Z", examples=[90.0])
     count: int = Field(description="number of points; of a mesh, that were sampled from its surface", examples=[2048])
 
     @classmethod

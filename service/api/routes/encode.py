@@ -16,6 +16,7 @@ from service.api.responses.errors import BINARY, BODY_STALLED, NO_SPACE, OBJECT_
 from service.api.responses.objects import EncodedObject, EncodedWeights, StoredObject
 from service.api.wire.disconnects import while_connected
 from service.api.wire.uploads import read_upload
+from service.encoding.completion import TURNS
 from service.encoding.encoder import Encoded, Encoder
 from service.encoding.framing import Framed
 from service.encoding.report import ImageReport
@@ -26,7 +27,7 @@ from service.mapping.frame import Frame as ObjectFrame
 from service.mapping.spec import Functions
 from service.runtime.frames import complete_record
 from service.runtime.inputs.photos import PhotoKey, RecentPhoto, photo_key, photo_record
-from service.runtime.inputs.scans import Placement, complete, point_input, points_record
+from service.runtime.inputs.scans import Placement, complete, point_inputs, points_record
 from service.runtime.inputs.views import MAX_IMAGES, Photos, encode_all, frame_all, id_of
 from service.runtime.parts import Runtime
 from service.storage.ids import points_id
@@ -115,7 +116,8 @@ async def encode(request: Request) -> Response:
 
     Several images, views of one object from different sides, make one object: its theta is the mean of theirs.
 
-    Points are completed by a model that takes them. The answer's `placement` puts the whole object where they lie.
+    Points are completed by a model that takes them, for the side of the front that fits them best. The answer's
+    `placement` puts the whole object where they lie. A repeat of points is encoded again.
     """
     runtime = await ready_runtime(request)
     query = read_query(request, EncodeQuery)
@@ -123,8 +125,7 @@ async def encode(request: Request) -> Response:
     client, gates = client_of(request.scope), runtime.gates
     with gates.images.admit(client=client) as admitted, gates.uploads.admit(0, client) as upload:
         images, label, points = await read_upload(request, runtime.settings.max_image_bytes, upload)
-        if len(images) > 1:  # one is admitted already
-            admitted.grow_to(len(images))
+        admitted.grow_to(len(images) if points is None else len(TURNS))
         answer: EncodedObject | CompletedObject | EncodedWeights | CompletedWeights
         if points is not None:
             answer, is_new = await _answer_points(request, query, runtime, points, label)
@@ -168,19 +169,18 @@ async def _answer_points(
         if getattr(query, name) != EncodeQuery.model_fields[name].default:
             raise InvalidParameter(f"{name} is for images: leave it out with points or a mesh", field=name)
     encoder, client = runtime.models.named(query.model, "points"), client_of(request.scope)
-    sent = await while_connected(request, runtime.run(point_input, points, encoder))
+    inputs = await while_connected(request, runtime.run(point_inputs, points, encoder))
+    sent, functions, box = await while_connected(request, complete(runtime, encoder, inputs))
+    if not query.store:
+        return CompletedWeights.of(encoder.name, encoder.spec, functions, box, Placement.of(sent, box)), False
     object_id = points_id(points, encoder.digest)
-    match = await runtime.store.find(object_id) if query.store else None
-    if match is not None:
-        (record, functions), is_new = match, False
+    if match := await runtime.store.find(object_id):
+        (record, stored), is_new = match, False
         record, box = await complete_record(runtime, record, Details(label=label), client=client)
     else:
-        functions, box = await while_connected(request, complete(runtime, encoder, sent))
-        if not query.store:
-            placement = Placement.of(sent, box)
-            return CompletedWeights.of(encoder.name, encoder.spec, functions, box, placement), False
+        stored = functions
         record, is_new = await runtime.store.put(points_record(object_id, encoder, box, label), functions)
-    kept = functions if query.include == "weights" else None
+    kept = stored if query.include == "weights" else None
     return CompletedObject.of_points(record, Placement.of(sent, box), kept, runtime.settings.root_path), is_new
 
 

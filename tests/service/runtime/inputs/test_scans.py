@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from hof_client import Client
-from service.encoding.clouds import LEAST_POINTS, normalize
+from service.encoding.clouds import LEAST_POINTS, rotation
+from service.encoding.completion import complete
 from service.encoding.encoder import Encoder
 from service.mapping.spec import Array
 from service.settings import Settings
@@ -52,17 +53,17 @@ def test_encode_of_points_completes_them_in_their_frame(service: httpx.Client, p
     assert answer.headers["location"] == item["links"]["self"]
     assert (item["kind"], item["model"], item["placement"]["count"]) == ("encoded", "tiny-k2-points", 1_000)
     encoder = Encoder.open(points_model, 1)
-    sent = normalize(CLOUD, tiny_model.COUNT)
-    theta = encoder.encode(sent.tensor)[0].theta
-    np.testing.assert_allclose(_numbers(item), theta, atol=1e-6)
+    sent, functions = complete(encoder, CLOUD)
+    np.testing.assert_allclose(_numbers(item), functions.theta, atol=1e-6)
     path = item["links"]["points"]
     raw, own = (
         np.load(io.BytesIO(service.get(f"{path}?n=200&format=npy&frame={frame}").content))
         for frame in ("raw", "object")
     )
     placement = item["placement"]
-    expected = raw * sent.scale + np.array(sent.center)
-    np.testing.assert_allclose(own * placement["scale"] + placement["center"], expected, atol=1e-4)
+    assert placement["turn"] == sent.turn
+    placed = placement["scale"] * own @ rotation(sent.turn).T + placement["center"]
+    np.testing.assert_allclose(placed, sent.place(raw), atol=1e-4)
     assert "image" not in service.get(item["links"]["self"]).json()
 
 
@@ -76,8 +77,7 @@ def test_encode_of_points_rounds_as_the_setting_of_the_store_says(
     ):
         theta = _numbers(client.post("/encode?include=weights", content=npy(CLOUD)).raise_for_status().json())
     np.testing.assert_array_equal(theta, theta.astype(np.float16))
-    exact = Encoder.open(points_model, 1).encode(normalize(CLOUD, tiny_model.COUNT).tensor)[0].theta
-    assert (theta != exact).any()
+    assert (theta != complete(Encoder.open(points_model, 1), CLOUD)[1].theta).any()
 
 
 def test_encode_of_moved_and_scaled_points_gives_the_same_function(service: httpx.Client) -> None:
