@@ -136,5 +136,7 @@ def _about(run: Path, network: nn.Module, config: TrainConfig, state: Mapping[st
         "batch": config.batch,
         "minutes": round(state["elapsed_s"] / 60, 1),
         "trunk": config.encoder.trunk,
+        "size": config.framing.size,
+        "augmented": config.augmented,
         "curve": curve,
     }

@@ -1,5 +1,6 @@
 """Write the section of PAPER.md on an experiment that trains: a row for each variant, a verdict on each claim."""
 
+import textwrap
 from typing import Any, Final
 
 import numpy as np
@@ -13,6 +14,7 @@ from model.report.tables import by_class, spread, table
 FIGURES: Final = ("cd_forward", "cd_backward", "f@1%", "f@2%", "f@5%")
 HEADS: Final = ("CD(P,T)", "CD(T,P)", "F@1%", "F@2%", "F@5%")
 CLOSE: Final = 0.05  # of the base's figure: farther away is another quality
+WIDTH: Final = 120  # of a line of text
 QUARTERS: Final = (0.25, 0.5, 0.75, 1.0)
 
 
@@ -25,18 +27,26 @@ def section(suite: Suite, record: PaperRecord) -> str:
     steps = ", ".join(f"{count:,} steps of {batch} images" for count, batch in budgets)
     views = "all views, all true points" if setting["every_view"] else "4 views, 10,000 true points"
     seeds = ", ".join(map(str, setting["seeds"]))
+    images = f"{first['size']} pixels a side{'' if first['augmented'] else ', not augmented'}"
+    intro = (
+        f"{suite.text} Written by `hof-model paper {record.experiment}`: {steps} of {images}, image encoder "
+        f"{first['trunk']} unless a row says otherwise, {setting['split']} split, {setting['objects']} objects, "
+        f"{views}, {setting['points']:,} points a cloud, seeds {seeds}; {origin['machine']}, {origin['date']}, commit "
+        f"{origin['commit']}."
+    )
+    claims = (
+        "The paper's claims, on the mean of both distances; differences are paired over objects. As good as means "
+        f"within {CLOSE:.0%}.{_seeds(setting['seeds'])}"
+    )
     return f"""## {suite.title}
 
-{suite.text} Written by `hof-model paper {record.experiment}`: {steps}, image encoder {first["trunk"]} unless a row says
-otherwise, {setting["split"]} split, {setting["objects"]} objects, {views}, {setting["points"]:,} points a cloud, seeds
-{seeds}; {origin["machine"]}, {origin["date"]}, commit {origin["commit"]}.
+{textwrap.fill(intro, WIDTH, break_on_hyphens=False)}
 
 {_figures(record)}
 
 {_by_class(record) if suite.is_by_class else ""}{_paper(suite)}{_curves(about)}{_picture(record)}
 
-The paper's claims, on the mean of both distances; differences are paired over objects. As good as means within
-{CLOSE:.0%}.{_seeds(setting["seeds"])}
+{textwrap.fill(claims, WIDTH, break_on_hyphens=False)}
 
 {chr(10).join(f"- {claim.text}: {verdict(record, claim)}." for claim in suite.claims)}"""
 

@@ -173,6 +173,7 @@ def _record(**columns: list[float]) -> PaperRecord:
     names = ("cd_forward", "cd_backward", "cd", "f@1%", "f@2%", "f@5%")
     trials = [Trial(name, {key: list(values) for key in names}) for name, values in columns.items()]
     about = {"parameters": 9, "predicted": 9, "layers": 2, "ms": 1.0, "steps": 100, "batch": 4, "trunk": "dense"}
+    about |= {"size": 64, "augmented": False}
     variants = {name: {**about, "curve": [[50, 0.1], [80, 0.2], [100, 0.25]]} for name in columns}
     setting = {"split": "test", "objects": 4, "points": 10_000, "every_view": False, "seeds": [0], "variants": variants}
     origin = {"machine": "x", "date": "y", "commit": "z", "seed": 0}
@@ -206,7 +207,7 @@ def test_section_shows_setting_parameters_curves_and_claims() -> None:
     names = list(SUITES["parts"].variants)
     record = _record(**{name: [1.0 - 0.1 * index] * 4 for index, name in enumerate(names)})
     text = section(SUITES["parts"], record)
-    assert "100 steps of 4 images" in text
+    assert "100 steps of 4 images of 64 pixels a side, not augmented" in text.replace("\n", " ")
     assert "| all of theta | - | 0.1000 | 0.1000 | 0.2500 | +0.0500 |" in text
     assert text.count("holds") == len(SUITES["parts"].claims)
 
