@@ -90,7 +90,7 @@ def test_command_trains_measures_and_writes_the_page(name: str, data: Path, tmp_
     assert {about["steps"] for about in record.setting["variants"].values()} == {2}
     text = (tmp_path / "PAPER.md").read_text()
     assert f"## {SUITES[name].title}" in text
-    assert "2 steps of 4 images" in text
+    assert "2 steps of 4 images" in " ".join(text.split())
     picture = tmp_path / "model" / "results" / "paper" / f"{name}.png"
     assert picture.is_file() == (name == PICTURED) == (f"{name}.png" in text)
     before = {path: path.stat().st_mtime_ns for path in (tmp_path / "runs").rglob("last.pt")}
