@@ -1,6 +1,6 @@
 """Points of a part of an object -> the point encoder's input, normalized by themselves alone, as in training.
 
-centered and scaled by their own box -> at most `count` of them, chosen at random -> repeated up to `count`, which the
+centered and scaled by their own box -> at most `count` of them, in random order -> repeated up to `count`, which the
 encoder's maximum over points does not see -> (1, count, 3) float32.
 """
 
@@ -19,7 +19,7 @@ Doubles = npt.NDArray[np.float64]
 LEAST_POINTS: Final = 64
 MOST_POINTS: Final = 2_048  # that an encoder is trained with
 LEAST_SIDE: Final = 1e-3  # of a part's box, in longest sides of the object: in training no part is smaller
-CHOICE_SEED: Final = 0  # of the points that are chosen: the same points give the same object
+CHOICE_SEED: Final = 0  # of the order, and so of the points that are chosen: the same points give the same object
 
 
 @dataclass(frozen=True)
@@ -71,9 +71,7 @@ def normalize(points: npt.NDArray[np.floating[Any]], count: int, turn: float = 0
     center, scale = low + (high - low) / 2, float((high - low).max())
     if scale == 0:
         raise InvalidParameter("all points are at the same place", field="points")
-    unit = (doubles - center) / scale
-    if len(unit) > count:
-        unit = unit[np.random.default_rng(CHOICE_SEED).choice(len(unit), count, replace=False)]
+    unit = ((doubles - center) / scale)[np.random.default_rng(CHOICE_SEED).permutation(len(doubles))[:count]]
     tensor = np.ascontiguousarray(np.resize(unit, (1, count, 3)), np.float32)
     x, y, z = map(float, rotation(turn) @ center if turn else center)
     return PointInput(tensor, (x, y, z), scale, len(points), turn)

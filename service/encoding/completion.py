@@ -1,10 +1,11 @@
 """The object that points are a part of. Where its front lies is not known, so several sides are tried.
 
 For each turn about +Y the points are turned back and encoded. The object whose points lie nearest to those of the part
-is the answer; it lies in its place, turned.
+is taken, fitted to the part (`service.encoding.refinement`), and lies in its place, turned.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -12,10 +13,12 @@ import numpy.typing as npt
 
 from service.encoding.clouds import PointInput, normalize
 from service.encoding.encoder import Encoded, Encoder
+from service.encoding.refinement import STEPS, refine
 from service.mapping.sampler import Sampler
 from service.mapping.spec import Array, MappingSpec, word_of
 
 TURNS: Final = tuple(45.0 * number for number in range(8))  # degrees; the first is as sent
+IMAGES: Final = 32  # that take as long as completing an object
 ADVANTAGE: Final = 0.95  # of the distance as sent, below which another turn is taken: so noise turns nothing
 PART_POINTS: Final = 512  # that are compared
 OBJECT_POINTS: Final = 2_048
@@ -38,8 +41,17 @@ def best_fit(spec: MappingSpec, inputs: Sequence[PointInput], encoded: Sequence[
     return best if distances[best] < ADVANTAGE * distances[0] else 0
 
 
-def complete(encoder: Encoder, points: npt.NDArray[np.floating[Any]]) -> tuple[PointInput, Encoded]:
-    """Return the functions of the object that points (n, 3) are a part of, and the input that they are of.
+def choose(
+    spec: MappingSpec, inputs: Sequence[PointInput], encoded: Sequence[Encoded], steps: int = STEPS
+) -> tuple[PointInput, Encoded]:
+    """Return the input whose object fits best, and the object's functions, fitted to it in `steps`. Raises as above."""
+    best = best_fit(spec, inputs, encoded)
+    sent, functions = inputs[best], encoded[best]
+    return sent, replace(functions, theta=refine(spec, functions.theta, sent.tensor[0], steps))
+
+
+def complete(encoder: Encoder, points: npt.NDArray[np.floating[Any]], steps: int = STEPS) -> tuple[PointInput, Encoded]:
+    """Return the object that points (n, 3) are a part of, as `choose` does.
 
     Raises
     ------
@@ -47,8 +59,7 @@ def complete(encoder: Encoder, points: npt.NDArray[np.floating[Any]]) -> tuple[P
     """
     inputs = turned_inputs(points, encoder.count or 0)
     encoded = encoder.encode(np.concatenate([sent.tensor for sent in inputs]))
-    best = best_fit(encoder.spec, inputs, encoded)
-    return inputs[best], encoded[best]
+    return choose(encoder.spec, inputs, encoded, steps)
 
 
 def _distance(spec: MappingSpec, sent: PointInput, theta: Array) -> float:

@@ -16,7 +16,7 @@ from service.api.responses.errors import BINARY, BODY_STALLED, NO_SPACE, OBJECT_
 from service.api.responses.objects import EncodedObject, EncodedWeights, StoredObject
 from service.api.wire.disconnects import while_connected
 from service.api.wire.uploads import read_upload
-from service.encoding.completion import TURNS
+from service.encoding.completion import IMAGES as COMPLETING
 from service.encoding.encoder import Encoded, Encoder
 from service.encoding.framing import Framed
 from service.encoding.report import ImageReport
@@ -116,8 +116,8 @@ async def encode(request: Request) -> Response:
 
     Several images, views of one object from different sides, make one object: its theta is the mean of theirs.
 
-    Points are completed by a model that takes them, for the side of the front that fits them best. The answer's
-    `placement` puts the whole object where they lie. A repeat of points is encoded again.
+    Points are completed by a model that takes them: the side of the front is found, and the object is fitted to them.
+    The answer's `placement` puts the whole object where they lie. A repeat of points is encoded again.
     """
     runtime = await ready_runtime(request)
     query = read_query(request, EncodeQuery)
@@ -125,7 +125,7 @@ async def encode(request: Request) -> Response:
     client, gates = client_of(request.scope), runtime.gates
     with gates.images.admit(client=client) as admitted, gates.uploads.admit(0, client) as upload:
         images, label, points = await read_upload(request, runtime.settings.max_image_bytes, upload)
-        admitted.grow_to(len(images) if points is None else len(TURNS))
+        admitted.grow_to(len(images) if points is None else COMPLETING)
         answer: EncodedObject | CompletedObject | EncodedWeights | CompletedWeights
         if points is not None:
             answer, is_new = await _answer_points(request, query, runtime, points, label)

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 import numpy as np
 
 from service.encoding.clouds import PointInput
-from service.encoding.completion import best_fit, turned_inputs
+from service.encoding.completion import choose, turned_inputs
 from service.encoding.encoder import Encoded, Encoder
 from service.formats.scans.read import read_points
 from service.mapping.frame import Frame
@@ -54,15 +54,15 @@ def point_inputs(data: bytes, encoder: Encoder) -> list[PointInput]:
 async def complete(
     runtime: Runtime, encoder: Encoder, inputs: Sequence[PointInput]
 ) -> tuple[PointInput, Encoded, Frame]:
-    """Return the input that fits best, the functions of its object, and the box that they fill."""
+    """Return the input that fits best, the functions of its object, fitted to it, and the box that they fill."""
     batcher = runtime.batchers[encoder.name]
     encoded = await asyncio.gather(*(batcher.encode(sent.tensor) for sent in inputs))
 
-    def choose() -> tuple[PointInput, Encoded, Frame]:
-        best = best_fit(encoder.spec, inputs, encoded)
-        return inputs[best], *with_box(runtime, encoder.spec, encoded[best])
+    def finish() -> tuple[PointInput, Encoded, Frame]:
+        sent, functions = choose(encoder.spec, inputs, encoded)
+        return sent, *with_box(runtime, encoder.spec, functions)
 
-    return await runtime.run(choose)
+    return await runtime.run(finish)
 
 
 def points_record(object_id: str, encoder: Encoder, box: Frame, label: str | None) -> Record:

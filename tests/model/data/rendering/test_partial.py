@@ -91,5 +91,6 @@ def test_normalize_of_the_service_is_the_frame_of_training(surface: Tensor) -> N
     parts = fixed_parts(surface, 0)
     cloud = (parts.clouds[0] * parts.scale[0] + parts.center[0]).numpy()
     result = normalize(cloud, len(cloud))
-    np.testing.assert_allclose(result.tensor[0], parts.clouds[0], atol=1e-5)
+    away = torch.cdist(torch.from_numpy(result.tensor[0]), parts.clouds[0])
+    assert max(away.amin(0).max(), away.amin(1).max()) < 1e-3  # in another order
     assert result.scale == pytest.approx(float(parts.scale[0]), rel=1e-5)

