@@ -21,8 +21,10 @@ TRUNKS = {
 }
 LICENSE = "Apache-2.0; trained on CC-BY and CC0 meshes, attribution in NOTICE"  # of models trained on Sweet Home 3D
 # Licenses of meshes that allow weights under another license, given the credits in NOTICE; and words that rule it out.
-OPEN = re.compile(r"CC0|CC[- ]BY\b|Creative Commons Attribution|Public domain|Apache|BSD|MIT\b", re.IGNORECASE)
+OPEN = re.compile(r"CC0|CC[- ]BY\b|Creative Commons Attribution|Public domain|Apache|BSD|MIT\b|SCEA\b", re.IGNORECASE)
 CLOSED = re.compile(r"\b(NC|ND|SA|Non-?Commercial|No-?Deriv\w*|Share-?Alike|LicenseRef)\b", re.IGNORECASE)
+# Additions to a license that limit the use of names and logos, which weights do not hold.
+MARKS = re.compile(r"/LicenseRef-LegalMark-\w+|LicenseRef-(?=CC-BY-TM)")
 LIMITS = (
     "The front of an object is at +Z. From a view of the back the model guesses where the front is.",
     "Thin parts (chair legs, lamp stems) come out too thick or too thin, and unseen sides are guesses.",
@@ -88,7 +90,10 @@ def license_of(manifest: Manifest, pieces: Collection[Entry] = ()) -> str:
         return LICENSE
     sources = {(entry.source, entry.license) for entry in objects}
     unclear = {
-        (source, license_) for source, license_ in sources if not OPEN.match(license_) or CLOSED.search(license_)
+        (source, license_)
+        for source, license_ in sources
+        for kept in [MARKS.sub("", license_)]
+        if not OPEN.match(kept) or CLOSED.search(kept)
     }
     if not unclear:
         return f"Apache-2.0; trained on meshes with attribution in NOTICE: {_join(sources)}"
@@ -148,7 +153,8 @@ def _input(config: dict[str, Any]) -> tuple[str, str, str, str]:
     """Return the kind of an encoder, its input as people send it, as it sees it, and as it was tested."""
     if config["encoder"]["trunk"] in POINT_TRUNKS:
         box = "64 points or more, in the frame of their own box"
-        return "Point", "points of a part of an object", box, "parts of each as in training"
+        test = "4 parts of each as in training, completed as the service does: side found, fitted to the points"
+        return "Point", "points of a part of an object", box, test
     return (
         "Image",
         "one RGB image of an object",
@@ -186,7 +192,7 @@ Written by `hof-model export` from the metadata of the file. `GET /model` serves
 ## Figures on the test split
 
 Mean over objects; distances x100 of the longest side; 10,000 predicted against 10,000 true points, {test}.
-Intervals and pictures: `RESULTS.md` at the top of the project.
+Intervals and pictures: `{"PAPER.md" if kind == "Point" else "RESULTS.md"}` at the top of the project.
 
 {table(["method", *NAMES], means)}
 

@@ -16,13 +16,15 @@ from service.mapping.spec import MappingSpec
 from tests.support.small import network as small_network
 
 
-@pytest.mark.parametrize("name", ["hof1-k2", "hof1-k4"])
+@pytest.mark.parametrize("name", ["hof1-k2", "hof1-k4", "hof1-k2-points"])
 def test_load_encoder_of_shipped_weights_agrees_with_the_service(name: str) -> None:
     file = SHIPPED.parent / f"{name}.onnx"
-    encoder, config, _ = load_encoder(file)
-    images = np.random.default_rng(0).random((2, 3, config.framing.size, config.framing.size), np.float32)
-    theta = np.stack([functions.theta for functions in Encoder.open(file, threads=1).encode(images)])
-    np.testing.assert_allclose(encoder(torch.from_numpy(images)).detach().numpy(), theta, atol=TOLERANCE)
+    served, (encoder, config, _) = Encoder.open(file, threads=1), load_encoder(file)
+    inputs = np.random.default_rng(0).random((2, *served.input_shape), np.float32)
+    if config.encoder.takes_points:
+        inputs -= np.float32(0.5)
+    theta = np.stack([functions.theta for functions in served.encode(inputs)])
+    np.testing.assert_allclose(encoder(torch.from_numpy(inputs)).detach().numpy(), theta, atol=TOLERANCE)
 
 
 @pytest.mark.parametrize(

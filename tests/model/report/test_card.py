@@ -38,14 +38,22 @@ def test_license_of_pieces_of_meshes_is_named_too() -> None:
 
 
 @pytest.mark.parametrize(
+    "license_", ["SCEA", "CC-BY 4.0/LicenseRef-LegalMark-Khronos", "LicenseRef-CC-BY-TM/LicenseRef-LegalMark-Cesium"]
+)
+def test_license_of_a_source_that_limits_the_use_of_its_marks_alone_is_open(license_: str) -> None:
+    expected = f"Apache-2.0; trained on meshes with attribution in NOTICE: khronos ({license_})"
+    assert license_of(_manifest(("a", "khronos", license_))) == expected
+
+
+@pytest.mark.parametrize(
     "license_",
     [
         "unknown",
-        "SCEA",
+        "LicenseRef-3DRT-Testing",
         "GPL-2",
         "CC-BY-NC-4.0",
         "CC BY-SA 3.0",
-        "CC-BY 4.0/LicenseRef-LegalMark-Khronos",
+        "CC-BY-NC 4.0/LicenseRef-LegalMark-Khronos",
         "Creative Commons Attribution-NonCommercial 4.0",
     ],
 )
