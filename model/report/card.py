@@ -79,7 +79,7 @@ def make_card(
 def _limits(manifest: Manifest, config: TrainConfig, meshes: int, has_color: bool) -> list[str]:
     """Return the sentences on what the model does not do; `meshes` is the number of pieces."""
     if config.encoder.takes_points:
-        return [_training_parts(manifest, config), *POINT_LIMITS, NO_COLOR_LIMIT]
+        return [_training_parts(manifest, config, meshes), *POINT_LIMITS, NO_COLOR_LIMIT]
     return [_training_images(manifest, config, meshes), *LIMITS, COLOR_LIMIT if has_color else NO_COLOR_LIMIT]
 
 
@@ -129,14 +129,15 @@ def _training_images(manifest: Manifest, config: TrainConfig, meshes: int) -> st
     )
 
 
-def _training_parts(manifest: Manifest, config: TrainConfig) -> str:
-    """Return a sentence on the parts of surfaces that the model was trained on, and so on what they lack."""
+def _training_parts(manifest: Manifest, config: TrainConfig, meshes: int) -> str:
+    """Return a sentence on the parts of surfaces that the model was trained on, `meshes` of pieces included."""
     objects = list(manifest.of("train"))
     kinds = ", ".join(sorted({entry.category for entry in objects}))
     front = f"turned by up to {config.turn:g} degrees about it" if config.turn else "the front at +Z"
+    others = f" and of {meshes:,} other meshes" if meshes else ""
     varied = f", stretched by up to {config.stretch:g} along each axis" if config.stretch > 1 else ""
     return (
-        f"Trained on points of parts of {len(objects)} objects ({kinds}){varied}, cut off by a plane or seen by a "
+        f"Trained on points of parts of {len(objects)} objects ({kinds}){others}{varied}, cut off by a plane or seen by a "
         f"camera, 64 to 2,048 points with noise; +Y points up, {front}. It has seen no scan of an object."
     )
 
