@@ -137,8 +137,8 @@ def _training_parts(manifest: Manifest, config: TrainConfig, meshes: int) -> str
     others = f" and of {meshes:,} other meshes" if meshes else ""
     varied = f", stretched by up to {config.stretch:g} along each axis" if config.stretch > 1 else ""
     return (
-        f"Trained on points of parts of {len(objects)} objects ({kinds}){others}{varied}, cut off by a plane or seen by "
-        f"a camera, 64 to 2,048 points with noise; +Y points up, {front}. It has seen no scan of an object."
+        f"Trained on points of parts of {len(objects)} objects ({kinds}){others}{varied}, cut off by a plane or seen "
+        f"by a camera, 64 to 2,048 points with noise; +Y points up, {front}. It has seen no scan of an object."
     )
 
 
