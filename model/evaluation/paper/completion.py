@@ -31,22 +31,24 @@ from model.provenance import provenance
 from service.drawing.words import sheet
 from service.encoding import completion
 from service.encoding.encoder import Encoder
+from service.encoding.refinement import STEPS
 
 EXPERIMENT: Final = "points"
-PARTS: Final = 4  # of each object
+PARTS: Final = 4  # of each object, as in training
 SHARES: Final = (0.25, 0.5, 0.75, 1.0)  # of the surface, seen on one side of a plane
 COUNTS: Final = (64, 256, 1_024, 2_048)  # points of a part
 SHOWN: Final = 8  # objects of the picture
 CELL: Final = 240  # pixels
 COMPLETED: Final = "completed"
+ENCODED: Final = "encoded, not fitted"
 ALONE: Final = "the part alone"
 
 Part = Callable[[Case, int], Floats]  # an object and the number of the part -> points of it (n, 3), object frame
 
 
-def complete(encoder: Encoder, part: Floats, n: int = PREDICTED_POINTS) -> Floats:
-    """Return n points of the whole object, in the frame and the unit of the part (m, 3)."""
-    sent, functions = completion.complete(encoder, part)
+def complete(encoder: Encoder, part: Floats, n: int = PREDICTED_POINTS, steps: int = STEPS) -> Floats:
+    """Return n points of the whole object, fitted in `steps`, in the frame and the unit of the part (m, 3)."""
+    sent, functions = completion.complete(encoder, part, steps)
     return sent.place(draw(encoder.spec, functions.theta, n)).astype(np.float32)
 
 
@@ -88,13 +90,13 @@ def measure_points(model: Path, data: Path, split: Split, seed: int = 0) -> Pape
 
     def figures(case: Case) -> dict[str, dict[str, float]]:
         return {
-            trial_name(method, share, count): _mean_figures(encoder, case, share, count, method, seed)
+            trial_name(method, share, count): compare(points, case.points)
             for share, count in pairs()
-            for method in (COMPLETED, ALONE)
+            for method, points in _answers(encoder, cut(case.points, share, count, seed)).items()
         }
 
     rows = in_threads(figures, objects, "points")
-    setting = {"split": split, "objects": len(objects), "parts": PARTS, "points": PREDICTED_POINTS}
+    setting = {"split": split, "objects": len(objects), "points": PREDICTED_POINTS}
     origin = {"model": encoder.name, "digest": encoder.digest, **provenance(seed)}
     trials = [
         Trial(name, {metric: rounded([row[name][metric] for row in rows]) for metric in NAMES}) for name in rows[0]
@@ -131,8 +133,6 @@ def cut(points: Floats, share: float, count: int, seed: int) -> Floats:
     return kept[rng.permutation(len(kept))[:count]]
 
 
-def _mean_figures(encoder: Encoder, case: Case, share: float, count: int, method: str, seed: int) -> dict[str, float]:
-    """Return the mean metrics over PARTS parts, completed, or as they are."""
-    parts = [cut(case.points, share, count, seed + number) for number in range(PARTS)]
-    each = [compare(complete(encoder, part) if method == COMPLETED else part, case.points) for part in parts]
-    return {name: float(np.mean([one[name] for one in each])) for name in NAMES}
+def _answers(encoder: Encoder, part: Floats) -> dict[str, Floats]:
+    """Return the points of each method, given a part."""
+    return {COMPLETED: complete(encoder, part), ENCODED: complete(encoder, part, steps=0), ALONE: part}

@@ -3,7 +3,7 @@
 from typing import Final
 
 from model.evaluation.locations import PAPER
-from model.evaluation.paper.completion import ALONE, COMPLETED, COUNTS, EXPERIMENT, SHARES, trial_name
+from model.evaluation.paper.completion import ALONE, COMPLETED, COUNTS, ENCODED, EXPERIMENT, SHARES, trial_name
 from model.evaluation.paper.record import PaperRecord
 from model.metrics import interval
 from model.report.tables import spread, table
@@ -19,12 +19,14 @@ def section(record: PaperRecord) -> str:
     return f"""## Points of a part of an object
 
 The whole object from points of a part of its surface. Written by `hof-model paper points`: `{origin["model"]}`,
-{setting["split"]} split, {setting["objects"]} objects, {setting["parts"]} parts of each, {setting["points"]:,} points a
-cloud, seed {origin["seed"]}; {origin["machine"]}, {origin["date"]}, commit {origin["commit"]}.
+{setting["split"]} split, {setting["objects"]} objects, {setting["points"]:,} points a cloud, seed {origin["seed"]};
+{origin["machine"]}, {origin["date"]}, commit {origin["commit"]}.
 
 - A part is the share of the true points on one side of a random plane. It is centered and scaled by its own box, and
   the answer is compared in the part's place; distances are in longest sides of the whole object.
-- *{ALONE}*: the points of the part as the answer. It has fewer points than the completed object.
+- *{COMPLETED}*: as the service does it: encoded with the front on each of eight sides, the best object fitted to the
+  part. *{ENCODED}*: without the fit.
+- *{ALONE}*: the points of the part as the answer: fewer than those of the completed object, all of them on the surface.
 
 By share of the surface, {COUNTS[-1]:,} points:
 
@@ -43,7 +45,7 @@ def _table(record: PaperRecord, heading: str, rows: list[tuple[str, float, int]]
     lines = [
         [f"{label}, {method}", *(spread(interval(trial.column(metric))) for metric in METRICS)]
         for label, share, count in rows
-        for method in (COMPLETED, ALONE)
+        for method in (COMPLETED, ENCODED, ALONE)
         for trial in [record.trial(trial_name(method, share, count))]
     ]
     return table([heading, *METRICS], lines)

@@ -20,7 +20,7 @@ def test_paper_points_measures_by_share_and_by_count(tmp_path: Path) -> None:
     flags = ["--model", str(model), "--data", str(folder), "-o", str(tmp_path)]
     assert cli.main(["paper", "points", *flags]) == 0
     record = PaperRecord.read(record_path(tmp_path, EXPERIMENT))
-    assert len(record.trials) == 2 * (len(SHARES) + len(COUNTS) - 1)
+    assert len(record.trials) == 3 * (len(SHARES) + len(COUNTS) - 1)
     whole, quarter = (record.trial(trial_name(ALONE, share, COUNTS[-1])).column("f@5%") for share in (1.0, 0.25))
     assert (whole > quarter).all()
     page = (tmp_path / "PAPER.md").read_text()
