@@ -1,12 +1,13 @@
 #!/usr/bin/env bash
-# What the tests need beyond Python: Node for the Khronos glTF validator and for npm's packages, Chromium without a window
-# and Firefox for the page, a C compiler for the kernel, a screen that nobody sees for Firefox's WebGL, OpenGL without a
-# screen for the renderer and for MeshLab, curl for the README's lines, PostgreSQL and PgBouncer for the store, nginx as a
-# proxy. Installs Debian's packages where the user is root; else names the command that does.
+# What the tests need beyond Python: Node for the Khronos glTF validator and for npm's packages, Chromium's headless shell
+# and Firefox for the page, Chromium itself for the page's benchmark, a C compiler for the kernel, a screen that nobody
+# sees for Firefox's WebGL, OpenGL without a screen for the renderer and for MeshLab, curl for the README's lines,
+# PostgreSQL and PgBouncer for the store, nginx as a proxy. Installs Debian's packages where the user is root; else names
+# the command that does.
 set -euo pipefail
 
 missing=()
-for tool in node npm gcc curl chromium-headless-shell firefox-esr xvfb-run xauth; do
+for tool in node npm gcc curl chromium chromium-headless-shell firefox-esr xvfb-run xauth; do
     command -v "$tool" >/dev/null || missing+=("$(sed 's/^node$/nodejs/; s/^xvfb-run$/xvfb/; s/^gcc$/gcc libc6-dev/' <<<"$tool")")
 done
 python=$(command -v .venv/bin/python || echo python3)
