@@ -92,7 +92,7 @@ def measure_points(model: Path, data: Path, split: Split, seed: int = 0) -> Pape
         return {
             trial_name(method, share, count): compare(points, case.points)
             for share, count in pairs()
-            for method, points in _answers(encoder, cut(case.points, share, count, seed)).items()
+            for method, points in _answers(encoder, cut_of(case, share, count, seed)).items()
         }
 
     rows = in_threads(figures, objects, "points")
@@ -109,8 +109,8 @@ def draw_completed(model: Path, data: Path, split: Split, seed: int = 0) -> Imag
     """Draw the split's first objects, a row each: a part of half of the surface, the completed object, the true one."""
     encoder, rows = Encoder.open(model, threads=1), []
     for case in list(cases(data, split))[:SHOWN]:
-        part = cut(case.points, SHARES[1], COUNTS[-1], seed)
-        clouds = ((f"{case.entry.id}: part", part), (COMPLETED, complete(encoder, part)), ("true object", case.points))
+        part, name = cut_of(case, SHARES[1], COUNTS[-1], seed), case.entry.id.rpartition("/")[2]
+        clouds = ((f"{name}: part", part), (COMPLETED, complete(encoder, part)), ("true object", case.points))
         rows.append([(label, points, None) for label, points in clouds])
     return sheet(rows, cell=CELL)
 
@@ -125,7 +125,12 @@ def trial_name(method: str, share: float, count: int) -> str:
     return f"{method}, {share:.0%}, {count} points"
 
 
-def cut(points: Floats, share: float, count: int, seed: int) -> Floats:
+def cut_of(case: Case, share: float, count: int, seed: int) -> Floats:
+    """Return a part of an object as `cut` does, on a side of its own."""
+    return cut(case.points, share, count, [seed, *case.entry.id.encode()])
+
+
+def cut(points: Floats, share: float, count: int, seed: int | list[int]) -> Floats:
     """Return `count` points of the `share` of a surface on one side of a random plane, the same for the same seed."""
     rng = np.random.default_rng(seed)
     heights = points @ rng.standard_normal(3)
