@@ -1,7 +1,7 @@
 """The object that points are a part of. Where its front lies is not known, so several sides are tried.
 
 For each turn about +Y the points are turned back and encoded. The object whose points lie nearest to those of the part
-is taken, fitted to the part (`service.encoding.refinement`), and lies in its place, turned.
+is taken, fitted to the part (`service.mapping.refinement`), and lies in its place, turned.
 """
 
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from service.encoding.clouds import PointInput, normalize
 from service.encoding.encoder import Encoded, Encoder
-from service.encoding.refinement import STEPS, refine
+from service.mapping.refinement import STEPS, refine
 from service.mapping.sampler import Sampler
 from service.mapping.spec import Array, MappingSpec, word_of
 

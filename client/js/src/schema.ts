@@ -23,8 +23,8 @@ export interface paths {
          *
          *     Several images, views of one object from different sides, make one object: its theta is the mean of theirs.
          *
-         *     Points are completed by a model that takes them, for the side of the front that fits them best. The answer's
-         *     `placement` puts the whole object where they lie. A repeat of points is encoded again.
+         *     Points are completed by a model that takes them: the side of the front is found, and the object is fitted to them.
+         *     The answer's `placement` puts the whole object where they lie. A repeat of points is encoded again.
          */
         post: operations["encode_encode_post"];
         delete?: never;

@@ -31,7 +31,7 @@ from model.provenance import provenance
 from service.drawing.words import sheet
 from service.encoding import completion
 from service.encoding.encoder import Encoder
-from service.encoding.refinement import STEPS
+from service.mapping.refinement import STEPS
 
 EXPERIMENT: Final = "points"
 PARTS: Final = 4  # of each object, as in training

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from service.encoding import refinement
-from service.encoding.refinement import refine
+from service.mapping import refinement
 from service.mapping.canonical import canonical_points
+from service.mapping.refinement import refine
 from service.mapping.spec import HOF_1, Array, MappingSpec, initial_theta, power
 
 SPECS = (
@@ -49,8 +49,8 @@ def test_refine_brings_the_object_to_the_part_and_leaves_the_rest() -> None:
     canonical = canonical_points("ball", 2_000, 2)
     before, after = power(HOF_1, theta, canonical), power(HOF_1, fitted, canonical)
     moved = np.linalg.norm(after - before, axis=1)
-    seen = before[:, 0] > middle
-    assert moved[~seen].mean() < 0.75 * moved[seen].mean()
+    mask = before[:, 0] > middle
+    assert moved[~mask].mean() < 0.75 * moved[mask].mean()
     assert distance(part, after) < 0.6 * distance(part, before)
 
 
