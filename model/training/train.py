@@ -63,8 +63,7 @@ def train(data: Path, run: Path, config: TrainConfig) -> Path:
             state.elapsed_s = time.monotonic() - start
             if state.step % LOG_EVERY == 0:
                 _report(log, bar, state, {"loss": sum(losses) / len(losses)})
-            is_mark = int(CHECKPOINTS * state.progress) > int(CHECKPOINTS * progress)
-            if is_mark or time.monotonic() - last_save > CHECKPOINT_EVERY_S:
+            if _passes_mark(progress, state.progress) or time.monotonic() - last_save > CHECKPOINT_EVERY_S:
                 figures = validate(state.average, state.config, validation)
                 _report(log, bar, state, figures)
                 state.save(run, score(figures))
@@ -102,6 +101,11 @@ def _add_gradients(state: RunState, batch: Batch, part: npt.NDArray[np.int64], p
     loss = loss * (len(part) / len(batch.images))
     loss.backward()  # type: ignore[no-untyped-call]
     return float(loss.detach())
+
+
+def _passes_mark(before: float, after: float) -> bool:
+    """Return whether a run's progress, from `before` to `after`, passes one of its CHECKPOINTS marks."""
+    return int(CHECKPOINTS * after) > int(CHECKPOINTS * before)
 
 
 def _compute_threads(count: int, threads_each: int | None = None) -> ThreadPoolExecutor:

@@ -71,7 +71,8 @@ def normalize(points: npt.NDArray[np.floating[Any]], count: int, turn: float = 0
     center, scale = low + (high - low) / 2, float((high - low).max())
     if scale == 0:
         raise InvalidParameter("all points are at the same place", field="points")
-    unit = ((doubles - center) / scale)[np.random.default_rng(CHOICE_SEED).permutation(len(doubles))[:count]]
+    chosen = np.random.default_rng(CHOICE_SEED).permutation(len(doubles))[:count]
+    unit = (doubles[chosen] - center) / scale
     tensor = np.ascontiguousarray(np.resize(unit, (1, count, 3)), np.float32)
     x, y, z = map(float, rotation(turn) @ center if turn else center)
     return PointInput(tensor, (x, y, z), scale, len(points), turn)

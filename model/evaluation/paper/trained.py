@@ -16,7 +16,7 @@ from model.data.shapenet.convert import DENSE
 from model.evaluation.classes import class_of
 from model.evaluation.comparison import ORACLE, RETRIEVAL, references
 from model.evaluation.conditions import png
-from model.evaluation.evaluate import PREDICTED_POINTS, Evaluation, chosen_views, in_threads
+from model.evaluation.evaluate import PREDICTED_POINTS, chosen_views, in_threads
 from model.evaluation.paper.record import PaperRecord, Trial, rounded
 from model.evaluation.paper.suites import CD, TRAVEL
 from model.evaluation.timing import network_decoder
@@ -66,16 +66,14 @@ def measure_suite(
         figures = {figure: rounded(np.mean([column[figure] for column in columns], axis=0)) for figure in columns[0]}
         trials.append(Trial(name, figures))
     if with_references:
-        chosen = (each for each in references(data, split, seeds[0]) if each.method in (RETRIEVAL, ORACLE))
-        trials += [Trial(each.method, _of_reference(each)) for each in chosen]
-    setting = {
+        trials += _references(data, split, seeds[0])
+    setting: dict[str, Any] = {
         "split": split,
         "objects": len(entries),
         "points": PREDICTED_POINTS,
         "every_view": every_view,
-        "seeds": seeds,
-        "variants": about,
     }
+    setting |= {"seeds": seeds, "variants": about}
     ids, classes = [entry.id for entry in entries], [class_of(entry) for entry in entries]
     return PaperRecord(experiment, setting, provenance(seeds[0]), ids, classes, trials)
 
@@ -112,11 +110,15 @@ def _figures(
     return {figure: np.array([row[figure] for row in rows]) for figure in rows[0]}
 
 
-def _of_reference(evaluation: Evaluation) -> dict[str, list[float | None]]:
-    """Return the figures of a method that needs no training."""
-    figures = {name: evaluation.column(name) for name in NAMES}
-    figures[CD] = (figures["cd_forward"] + figures["cd_backward"]) / 2
-    return {name: rounded(values) for name, values in figures.items()}
+def _references(data: Path, split: Split, seed: int) -> list[Trial]:
+    """Measure the methods that need no training."""
+    trials = []
+    for each in references(data, split, seed):
+        if each.method in (RETRIEVAL, ORACLE):
+            figures = {name: each.column(name) for name in NAMES}
+            figures[CD] = (figures["cd_forward"] + figures["cd_backward"]) / 2
+            trials.append(Trial(each.method, {name: rounded(values) for name, values in figures.items()}))
+    return trials
 
 
 def _about(run: Path, network: nn.Module, config: TrainConfig, state: Mapping[str, Any]) -> dict[str, Any]:

@@ -125,7 +125,9 @@ async def encode(request: Request) -> Response:
     client, gates = client_of(request.scope), runtime.gates
     with gates.images.admit(client=client) as admitted, gates.uploads.admit(0, client) as upload:
         images, label, points = await read_upload(request, runtime.settings.max_image_bytes, upload)
-        admitted.grow_to(len(images) if points is None else COMPLETING)
+        amount = len(images) if points is None else COMPLETING
+        if amount > 1:  # one is admitted already
+            admitted.grow_to(amount)
         answer: EncodedObject | CompletedObject | EncodedWeights | CompletedWeights
         if points is not None:
             answer, is_new = await _answer_points(request, query, runtime, points, label)
