@@ -67,13 +67,8 @@ def measure_suite(
         trials.append(Trial(name, figures))
     if with_references:
         trials += _references(data, split, seeds[0])
-    setting: dict[str, Any] = {
-        "split": split,
-        "objects": len(entries),
-        "points": PREDICTED_POINTS,
-        "every_view": every_view,
-    }
-    setting |= {"seeds": seeds, "variants": about}
+    setting: dict[str, Any] = {"split": split, "objects": len(entries), "points": PREDICTED_POINTS}
+    setting |= {"every_view": every_view, "seeds": seeds, "variants": about}
     ids, classes = [entry.id for entry in entries], [class_of(entry) for entry in entries]
     return PaperRecord(experiment, setting, provenance(seeds[0]), ids, classes, trials)
 
