@@ -1,4 +1,4 @@
-"""`hof-model train`, `blend`, `color`, `retrain`: everything that trains."""
+"""`hof-model train`, `blend`, `color`: encoders and their color heads."""
 
 import argparse
 from dataclasses import replace
@@ -6,10 +6,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Final, get_args
 
-from model.cli.common import ROOT, add_data, add_run
+from model.cli.common import add_data, add_run
 from model.cli.flags import add_flags, number, values
 from model.config import (
-    COMPARED_RUN,
     DENSE,
     GRID,
     LITE0,
@@ -27,7 +26,6 @@ from service.encoding.framing import Framing
 from service.mapping.spec import DOMAIN_DIMS, HOF_1, HOF_3, MAX_K, MAX_WIDTH, Activation, Domain, MappingSpec
 
 BUDGETS: Final = {"steps", "images", "minutes"}
-RETRAIN_FLAGS: Final = ("seed", "steps")
 PLACE_FLAGS: Final = ("device", "packed", "workers")
 MAPPINGS: Final = {"HOF-1": HOF_1, "HOF-3": HOF_3}
 SIZE_STEP: Final = 32  # pixels: the stride of Lite0; that of the DenseNet divides it
@@ -50,17 +48,6 @@ def add_stages(stages: "argparse._SubParsersAction[argparse.ArgumentParser]") ->
     add_run(stage, "run whose chosen checkpoint gets the head")
     add_flags(stage, ColorConfig())
     add_flags(stage.add_argument_group("device"), DeviceOptions(), only=PLACE_FLAGS)
-    stage = stages.add_parser("retrain", help="train and measure the methods of the comparison; resumable")
-    stage.set_defaults(run=_retrain)
-    add_data(stage)
-    stage.add_argument(
-        "methods", nargs="*", metavar="METHOD", help="methods of model/evaluation/compared.py to train; default: all"
-    )
-    add_flags(stage, COMPARED_RUN, only=RETRAIN_FLAGS)
-    add_flags(stage.add_argument_group("device"), DeviceOptions(), only=PLACE_FLAGS)
-    stage.add_argument(
-        "-o", "--output", type=Path, default=ROOT / "model/results/compared", help="folder of the records"
-    )
 
 
 def _add_train(stage: argparse.ArgumentParser) -> None:
@@ -229,12 +216,3 @@ def _color(arguments: argparse.Namespace) -> None:
 
     options = DeviceOptions(**values(arguments, DeviceOptions))
     print(train_color(arguments.data, arguments.folder, ColorConfig(**values(arguments, ColorConfig)), options))
-
-
-def _retrain(arguments: argparse.Namespace) -> None:
-    from model.evaluation.compared import COMPARED, retrain
-
-    budget = {name: getattr(COMPARED_RUN, name) for name in RETRAIN_FLAGS} | values(arguments, TrainConfig)
-    options = DeviceOptions(**values(arguments, DeviceOptions))
-    for name in arguments.methods or COMPARED:
-        print(retrain(name, arguments.data, "test", arguments.output, **budget, options=options))

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from model.evaluation.compared import COMPARED
 from model.evaluation.comparison import ELLIPSOID, ORACLE, RETRIEVAL
 from model.evaluation.conditions import FREE_VIEWS
 from model.evaluation.evaluate import PREDICTED_POINTS, VIEWS, Evaluation
@@ -112,7 +111,8 @@ def _comparison(evaluations: Sequence[Evaluation], decoders: dict[str, Decoder],
 Milliseconds are on one core: the shipped model in the service's sampler, other trained methods in torch.
 `benchmarks/RESULTS.md` times each decoder in its best form. Mean shape: points of all training objects together. Image
 retrieval: the training object with the most similar view, by cosine of pretrained EfficientNet-Lite0 features. Oracle
-nearest neighbor: the training object nearest to the truth by summed cd_epcg. Moment-matched ellipsoid: the ellipsoid
+nearest neighbor: the training object nearest to the truth by summed cd_epcg; among all training shapes: also of their
+stretched and warped copies and of the pieces. Moment-matched ellipsoid: the ellipsoid
 with the mean and covariance of the true points. Sampling floor: another sample of the true surface.
 
 Differences are object by object, bold where the paired interval excludes 0. Distances are better below 0, F-scores
@@ -158,25 +158,10 @@ def _trained(others: Sequence[Record]) -> str:
     )
     return f"""## Other methods
 
-The other shipped models; methods for comparison, which `hof-model retrain` trains from scratch with one data set, one
-split, one image encoder (the paper's DenseNet) and one number of steps; and the ceiling, theta fitted to each object's
-points (`hof-model evaluate --ceiling`). The config of each is in its file.
+The other shipped models, and the ceiling: theta fitted to each object's points (`hof-model evaluate --ceiling`). The
+config of each is in its file. [PAPER.md](PAPER.md) compares HOF with other decoders, all trained alike.
 
-{methods}{_compared_alike(others)}"""
-
-
-def _compared_alike(others: Sequence[Record]) -> str:
-    """Return the differences between HOF-1 with k = 2 and the other compared methods; empty without HOF-1."""
-    compared = [record for record in others if record.method.partition(",")[0] in COMPARED]
-    base = next((record.method for record in compared if record.method.startswith("hof1-k2,")), None)
-    if base is None:
-        return ""
-    return f"""
-
-Differences between the methods that differ only in the decoder, object by object as above. A bold distance above 0 or
-a bold F-score below 0 means that HOF does not win.
-
-{tables.differences([evaluation for record in compared for evaluation in record.evaluations], base)}"""
+{methods}"""
 
 
 def _pictures(ours: Record, shipped: Shipped) -> str:

@@ -9,7 +9,7 @@ import pytest
 from model.cli.flags import values
 from model.cli.main import _parser
 from model.cli.train import _config
-from model.config import COMPARED_RUN, LITE0, PAPER_SCHEDULE, POINTNET, ColorConfig, EncoderConfig, TrainConfig
+from model.config import LITE0, PAPER_SCHEDULE, POINTNET, ColorConfig, EncoderConfig, TrainConfig
 from service.encoding.framing import Framing
 from service.errors import InvalidSpec
 from service.mapping.spec import HOF_1, HOF_3, MappingSpec
@@ -138,11 +138,3 @@ def test_color_flags_are_the_fields_of_its_config() -> None:
     arguments = _parser().parse_args(["color", *map(str, as_flags(options))])
     assert ColorConfig(**values(arguments, ColorConfig)) == ColorConfig(**options)
     assert arguments.folder == Path("runs/hof1-k2")
-
-
-def test_retrain_help_shows_the_budget_of_its_config(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit, match="0"):
-        _parser().parse_args(["retrain", "--help"])
-    assert f"budget in steps, instead of minutes; default: {COMPARED_RUN.steps}" in " ".join(
-        capsys.readouterr().out.split()
-    )

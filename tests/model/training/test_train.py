@@ -9,11 +9,8 @@ import numpy as np
 import pytest
 import torch
 
-from model import cli
 from model.config import METHOD_DOMAINS, Method, TrainConfig
 from model.data.dataset import draw_batch, load_examples
-from model.evaluation.compared import COMPARED
-from model.evaluation.records import Record
 from model.training.checkpoints import load_encoder, load_network, predictor
 from model.training.state import RunState
 from model.training.train import train, train_step
@@ -129,14 +126,3 @@ def test_config_at_a_late_progress_has_more_points() -> None:
     assert config.at(0.59) == config
     assert (config.at(0.6).points, config.at(0.6).target_points) == (300, 500)
     assert RUN.at(0.999) == RUN  # by default, never
-
-
-def test_retrain_takes_its_steps_and_writes_a_record(
-    built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)  # runs go below the working folder
-    monkeypatch.setitem(COMPARED, "small", replace(RUN, method="direct"))
-    assert cli.main(["retrain", "small", "--steps", "3", "--data", str(built), "-o", str(tmp_path)]) == 0
-    record = Record.read(tmp_path / "small.json")
-    assert record.method == "small, 3 steps"
-    assert record.origin["training"]["steps"] <= 3  # of the best checkpoint
