@@ -19,6 +19,8 @@ from service.encoding.decode import DEFAULT_MAX_PIXELS
 LogFormat = Literal["json", "text"]
 
 SHIPPED_MODEL: Final = Path(__file__).resolve().parent.parent / "model" / "weights" / "hof1-k2.onnx"  # the default
+SHIPPED_MATTING: Final = SHIPPED_MODEL.with_name("hof-matte.onnx")
+U2NET: Final = "u2netp.onnx"
 POINTS_CEILING: Final = 10_000_000  # the API's limit; `max_points` may only lower it
 POINTS_PER_CPU: Final = 4_000_000  # in flight: about one second of work
 DEFAULT_PORT: Final = 8080
@@ -46,8 +48,9 @@ def available_cpus() -> int:
 
 
 def shipped_models() -> tuple[Path, ...]:
-    """Return SHIPPED_MODEL and the other ONNX files of its folder, sorted by name."""
-    others = sorted(path for path in SHIPPED_MODEL.parent.glob("*.onnx") if path != SHIPPED_MODEL)
+    """Return SHIPPED_MODEL and the other encoders of its folder, sorted by name."""
+    known = (SHIPPED_MODEL, SHIPPED_MATTING)
+    others = sorted(path for path in SHIPPED_MODEL.parent.glob("*.onnx") if path not in known)
     return (SHIPPED_MODEL, *others)
 
 
@@ -60,16 +63,16 @@ def default_database_url() -> str:
     return f"sqlite:///{folder / 'hof.db'}"
 
 
-def default_matting_model() -> Path | None:
+def default_matting_model() -> Path:
     """Return u2netp.onnx in the folder U2NET_HOME (the variable rembg uses), or where `make` installs it.
 
-    None if that file is not there, or if U2NET_HOME is set but empty.
+    Without either, or if U2NET_HOME is empty, SHIPPED_MATTING.
     """
     home = os.environ.get("U2NET_HOME")
-    if home is not None:
-        return Path(home) / "u2netp.onnx" if home else None
-    installed = Path(sys.prefix) / "u2net" / "rembg" / "u2netp.onnx"
-    return installed if installed.is_file() else None
+    if home:
+        return Path(home) / U2NET
+    installed = Path(sys.prefix) / "u2net" / "rembg" / U2NET
+    return installed if home is None and installed.is_file() else SHIPPED_MATTING
 
 
 def default_log_format() -> LogFormat:
@@ -132,8 +135,9 @@ class Settings(BaseSettings):
     )
     matting_model: Path | None = Field(
         default_factory=default_matting_model,
-        description="U2-Net (ONNX), which separates objects from any background; default: u2netp.onnx in "
-        "`U2NET_HOME`, else the one that `make` installed, else none; `none` runs without",
+        description="network that separates objects from any background: U2-Net, or an ONNX file of `hof-model matte`; "
+        "default: u2netp.onnx in `U2NET_HOME`, else the one that `make` installed, else the shipped `hof-matte.onnx`; "
+        "`none` runs without",
     )
     max_image_bytes: int = Field(default=20 * MIB, ge=1, description="largest image accepted, bytes")
     max_image_pixels: int = Field(

@@ -21,8 +21,9 @@ from benchmarks.load.photos import photos
 from benchmarks.speed.timing import pin
 from model.metrics import compare
 from model.provenance import provenance
-from service.encoding.encoder import Encoder, open_session
+from service.encoding.encoder import Encoder
 from service.encoding.framing import preprocess
+from service.encoding.network import open_session
 from service.mapping.sampler import Sampler
 from service.mapping.spec import Array, MappingSpec, word_of
 from service.settings import SHIPPED_MODEL

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 import onnx
 
-from service.encoding.encoder import open_session
+from service.encoding.network import open_session
 
 Floats = npt.NDArray[np.float32]
 

@@ -172,9 +172,9 @@ async def _lifespan(settings: Settings, networks: Networks | None, app: FastAPI)
 
 
 def _open_warm(settings: Settings, networks: Networks | None) -> Networks:
-    """Return the networks, opened, after one inference of each encoder."""
+    """Return the networks, opened and tried."""
     opened = networks or Networks.open(settings)
-    opened.models.warm_up()
+    opened.warm_up()
     return opened
 
 

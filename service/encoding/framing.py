@@ -16,8 +16,7 @@ from PIL import Image
 from service.encoding import compiled
 from service.encoding.decode import DEFAULT_MAX_PIXELS, check_stop, decode_with_size
 from service.encoding.masks import ALPHA_FLOOR, Mask, Matte, MattingFunction, matte_of
-from service.encoding.pixels import WORK_SIDE, reduction
-from service.encoding.thumbnail import THUMBNAIL_SIDE, thumbnail_file
+from service.encoding.pixels import THUMBNAIL_SIDE, WORK_SIDE, reduction, thumbnail_file
 from service.errors import InvalidParameter, NoObjectFound
 
 Background = Literal["auto", "keep", "remove"]
@@ -29,8 +28,8 @@ STRIP: Final = 255  # rows whose pixels a byte can count
 EXACT: Final = 64  # squares of bytes whose float32 sum is exact in any order, and a row that vectors add fast
 MIN_FOREGROUND: Final = 5e-4  # of the image's pixels
 NO_MASK: Final = (
-    "the background cannot be removed: the image has neither transparency nor a uniform border, and no matting "
-    "model is loaded: set HOF_MATTING_MODEL, or U2NET_HOME to the folder of u2netp.onnx"
+    "the background cannot be removed: the image has neither transparency nor a uniform border, and the service runs "
+    "without matting (HOF_MATTING_MODEL=none)"
 )
 
 

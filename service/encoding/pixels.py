@@ -1,5 +1,9 @@
-"""Decoded pixels of any mode -> an upright RGB or RGBA image in sRGB, with as few full-size copies as can be."""
+"""Decoded pixels of any mode -> an upright RGB or RGBA image in sRGB, with as few full-size copies as can be.
 
+And a small picture of a photo's object, to be kept with the object and shown beside it.
+"""
+
+import io
 from typing import Final
 
 import numpy as np
@@ -9,6 +13,9 @@ from service.encoding.color_profile import changes_colors, to_srgb
 from service.encoding.containers.container import ColorKey
 
 WORK_SIDE: Final = 1024  # pixels of the longest side at which masks and crops are computed
+THUMBNAIL_SIDE: Final = 160  # pixels
+MAX_THUMBNAIL_BYTES: Final = 16_384
+QUALITIES: Final = (80, 50, 20)  # of a thumbnail, WebP: the first one that keeps to the limit
 STRIP: Final = 256  # rows that are narrowed at a time
 TURNS: Final = {
     2: Image.Transpose.FLIP_LEFT_RIGHT,
@@ -95,3 +102,15 @@ def _to_srgb(image: Image.Image, profile: bytes) -> Image.Image:
     if image.mode == "RGBA":
         colored.putalpha(image.getchannel("A"))
     return colored
+
+
+def thumbnail_file(rgba: Image.Image) -> bytes | None:
+    """Return an RGBA image over white as WebP of at most MAX_THUMBNAIL_BYTES; None if it cannot be that small."""
+    picture = Image.new("RGB", rgba.size, "white")
+    picture.paste(rgba, mask=rgba.getchannel("A"))
+    for quality in QUALITIES:
+        file = io.BytesIO()
+        picture.save(file, "WEBP", quality=quality)
+        if file.tell() <= MAX_THUMBNAIL_BYTES:
+            return file.getvalue()
+    return None

@@ -63,3 +63,8 @@ class Models:
         """Run one inference of each encoder."""
         for encoder in self:
             encoder.warm_up()
+
+    def rest(self) -> None:
+        """Free the memory of all encoders but the default one, until they are called."""
+        for encoder in list(self)[1:]:
+            encoder.rest()

@@ -19,3 +19,10 @@ class Networks:
         """Load the files that the settings name. Raises InvalidModel."""
         models = Models.open(settings.model, settings.threads)
         return cls(models, Matting.of(settings.matting_model, settings.threads))
+
+    def warm_up(self) -> None:
+        """Run one inference of each encoder; then free the memory of all networks but the default encoder."""
+        self.models.warm_up()
+        self.models.rest()
+        if self.matting:
+            self.matting.rest()

@@ -23,8 +23,9 @@ from model.evaluation.paper.record import PaperRecord, Trial, rounded
 from model.metrics import NAMES, compare
 from model.networks.inner import THETA, InnerEncoder, inner_tensors
 from model.provenance import provenance
-from service.encoding.encoder import Encoder, open_session
+from service.encoding.encoder import Encoder
 from service.encoding.framing import preprocess
+from service.encoding.network import open_session
 from service.mapping.sampler import Sampler
 from service.mapping.spec import MappingSpec, word_of
 

@@ -9,7 +9,7 @@ from typing import get_args
 
 import numpy as np
 
-from service.encoding.thumbnail import MAX_THUMBNAIL_BYTES
+from service.encoding.pixels import MAX_THUMBNAIL_BYTES
 from service.errors import CorruptWeights
 from service.labels import clean_label
 from service.mapping.spec import Array, Functions, MappingSpec, check_color_spec

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from service.encoding.thumbnail import MAX_THUMBNAIL_BYTES, THUMBNAIL_SIDE
+from service.encoding.pixels import MAX_THUMBNAIL_BYTES, THUMBNAIL_SIDE
 from tests.support.photos import image_file
 from tests.support.server import check_refused
 
