@@ -74,11 +74,12 @@ replicas: .venv/dev.stamp .venv/system.stamp ## four processes on one database, 
 	$(BIN)/python -m benchmarks.load.replicas
 	$(BIN)/python -m tests.project.quoted_figures
 
-results: .venv/bench.stamp .venv/system.stamp ## build the data set, evaluate the shipped models: RESULTS.md
+results: .venv/bench.stamp .venv/system.stamp $(MATTING) ## build the data set, evaluate the shipped models: RESULTS.md
 	$(BIN)/hof-model data build
 	$(BIN)/hof-model data vary --variants 0
 	for name in hof1-k2 hof1-k4; do $(BIN)/hof-model mixtures --model model/weights/$$name.onnx || exit; done
 	$(BIN)/hof-model surfaces
+	$(BIN)/hof-model mattes --u2net $(MATTING)
 	$(BIN)/hof-model results
 
 paper: .venv/dev.stamp ## write PAPER.md from the records of `hof-model paper NAME`

@@ -197,6 +197,19 @@ class HeadsConfig:
 
 
 @dataclass(frozen=True)
+class MatteConfig:
+    """Training of the matte network."""
+
+    seed: int = option(0, "seed of initial weights and pictures", least=0)
+    minutes: float = option(50.0, "budget in minutes; the learning rate falls to 0 over the budget", above=0)
+    size: int = option(192, "pixels of a picture's side, a multiple of 32", least=32)
+    batch: int = option(32, "pictures per step", least=1)
+    learning_rate: float = option(2e-3, "AdamW's learning rate after warm-up", above=0)
+    pretrained_rate: float = option(0.5, "share of the learning rate for pretrained layers", least=0)
+    weight_decay: float = option(1e-2, "AdamW's weight decay", least=0)
+
+
+@dataclass(frozen=True)
 class DeviceOptions:
     """Device and manner of a run's training. None of it decides what is learned, so no checkpoint stores it."""
 
@@ -222,7 +235,7 @@ PAPER_SCHEDULE: Final = TrainConfig(  # paper, appendix: Implementation Details;
     augmented=False,
     constant_rate=True,
 )
-COMPARED_RUN: Final = TrainConfig(  # common to all runs of `hof-model retrain`
+COMPARED_RUN: Final = TrainConfig(  # common to the networks of `hof-model paper`
     steps=1_500, variants=True, late_from=0.5, late_points=1_024, late_target_points=4_000
 )
 

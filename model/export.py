@@ -60,10 +60,10 @@ def export(
     ValueError : torch, onnxruntime and NumPy disagree by more than TOLERANCE.
     """
     network = ColoredEncoder(encoder, color) if color else encoder
-    _round_matrices(network)
+    round_matrices(network)
     inputs = torch.from_numpy(_random_inputs(config, 0)[:1])
     name = "points" if config.encoder.takes_points else "image"
-    graph = _halve(_exported(network, (inputs,), [name], ["theta", *(["color"] if color else [])]))
+    graph = halve(_exported(network, (inputs,), [name], ["theta", *(["color"] if color else [])]))
     for key, value in _metadata(config, card, color).items():
         entry = graph.metadata_props.add()
         entry.key, entry.value = key, value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
@@ -148,8 +148,8 @@ def attach(file: Path, heads: EstimateHeads, card: dict[str, Any], output: Path)
     model = onnx.load(file)
     _detach(model.graph)
     tensors = inner_tensors(model)
-    _round_matrices(heads)
-    _append(model.graph, _halve(_heads_to_onnx(heads, InnerEncoder(file, threads=1))), tensors)
+    round_matrices(heads)
+    _append(model.graph, halve(_heads_to_onnx(heads, InnerEncoder(file, threads=1))), tensors)
     entries = {entry.key: entry.value for entry in model.metadata_props}
     entries |= {"hof.estimates": VERSION, "hof.card": json.dumps(card, ensure_ascii=False)}
     helper.set_model_props(model, entries)
@@ -234,7 +234,7 @@ def _random_inputs(config: TrainConfig, seed: int) -> mapping.Array:
 
 
 @torch.no_grad()
-def _round_matrices(network: nn.Module) -> None:
+def round_matrices(network: nn.Module) -> None:
     """Round every matrix and kernel to float16; vectors keep float32."""
     for parameter in network.parameters():
         if parameter.dim() > 1:
@@ -268,7 +268,7 @@ def _exported(
         return onnx.load(path)
 
 
-def _halve(graph: onnx.ModelProto) -> onnx.ModelProto:
+def halve(graph: onnx.ModelProto) -> onnx.ModelProto:
     """Store matrices as float16, each behind a cast to float32 that onnxruntime folds at start."""
     casts = []
     for initializer in graph.graph.initializer:

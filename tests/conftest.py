@@ -26,7 +26,7 @@ pytest_plugins = ["tests.support.browsing"]
 TIERS: Final = {
     "browser": {"browser", "page"},
     "system": {
-        *("postgres", "u2net_home", "behind_nginx", "running_s3"),
+        *("postgres", "u2net", "behind_nginx", "running_s3"),
         *("check_valid", "gltf_report"),  # Node and the Khronos validator
         *("build", "built", "render_parts", "shoot", "sheets"),  # OpenGL
     },
@@ -118,18 +118,18 @@ def colored_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session", autouse=True)
 def _no_default_matting() -> Iterator[None]:
-    """Hide the matting model that `make` installs: tests name the one that they use."""
+    """Run without matting: tests that need it name the model."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("U2NET_HOME", "")
+        patch.setenv("HOF_MATTING_MODEL", "none")
         yield
 
 
 @pytest.fixture(scope="session")
-def u2net_home() -> Path:
-    """Return the folder of u2netp.onnx."""
-    home = Path(sys.prefix) / "u2net" / "rembg"
-    assert (home / "u2netp.onnx").is_file(), "`make test` gets u2netp.onnx"
-    return home
+def u2net() -> Path:
+    """Return the file of U2-Net."""
+    file = Path(sys.prefix) / "u2net" / "rembg" / "u2netp.onnx"
+    assert file.is_file(), "`make test` gets u2netp.onnx"
+    return file
 
 
 @pytest.fixture

@@ -10,6 +10,7 @@ from model.data.shapenet.layouts import LAYOUTS
 RUN: Final = Path("runs/hof1-k2")
 SHIPPED: Final = Path(__file__).resolve().parents[1] / "weights" / "hof1-k2.onnx"
 SHIPPED_POINTS: Final = SHIPPED.with_name("hof1-k2-points.onnx")
+SHIPPED_MATTE: Final = SHIPPED.with_name("hof-matte.onnx")
 ROOT: Final = Path(__file__).resolve().parents[2]
 
 

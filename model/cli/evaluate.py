@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from model.cli.common import ROOT, SHIPPED, SHIPPED_POINTS, add_data, add_run, add_seed
+from model.cli.common import ROOT, SHIPPED, SHIPPED_MATTE, SHIPPED_POINTS, add_data, add_run, add_seed
 from model.data.manifest import SPLITS
 
 if TYPE_CHECKING:
@@ -187,7 +187,9 @@ def _surfaces(arguments: argparse.Namespace) -> None:
 
 def _results(arguments: argparse.Namespace) -> None:
     from model.report.results import report
+    from service.encoding.matting import Matting
 
-    others = set(SHIPPED.parent.glob("*.onnx")) - {SHIPPED, SHIPPED_POINTS}
+    others = set(SHIPPED.parent.glob("*.onnx")) - {SHIPPED, SHIPPED_POINTS, SHIPPED_MATTE}
     models = arguments.model or [SHIPPED, *sorted(others)]
-    print(report(models, arguments.data, arguments.split, arguments.out, arguments.seed))
+    matting = Matting.of(SHIPPED_MATTE, threads=1)
+    print(report(models, arguments.data, arguments.split, arguments.out, arguments.seed, matting))

@@ -5,7 +5,7 @@ import sys
 from collections.abc import Sequence
 from typing import Final
 
-from model.cli import data, evaluate, fit, heads, paper, train
+from model.cli import data, evaluate, fit, heads, matte, paper, train
 from model.cli.common import resolve_data
 from model.cli.flags import Parser
 from service.errors import HofError
@@ -33,6 +33,7 @@ def _parser() -> argparse.ArgumentParser:
     data.add_stages(stages.add_parser("data", help="build or look at a data set").add_subparsers(required=True))
     train.add_stages(stages)
     heads.add_stages(stages)
+    matte.add_stages(stages)
     evaluate.add_stages(stages)
     paper.add_stage(stages)
     fit.add_stage(stages)

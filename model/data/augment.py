@@ -64,17 +64,17 @@ def augment(
     """
     b = len(crops)
     plain = torch.from_numpy(rng.random(b) < PLAIN_SHARE).view(b, 1, 1, 1)
-    views = _blur(_frame(crops, size, plain, rng), rng)
+    views = blur(_frame(crops, size, plain, rng), rng)
     rgb, alpha = views[:, :3], views[:, 3:]
-    strength = _uniform(rng, *light.brightness, (b, 1, 1, 1)) * _uniform(rng, *light.tint, (b, 3, 1, 1))
+    strength = uniform(rng, *light.brightness, (b, 1, 1, 1)) * uniform(rng, *light.tint, (b, 3, 1, 1))
     lit = torch.minimum(_add_texture(rgb * strength, light.textured_share, rng), alpha)
     ground = torch.ones_like(lit)
     busy = ~plain.flatten()
-    ground[busy] = _backgrounds(int(busy.sum()), lit.shape[-1], rng, photographs)
-    ground *= _shadows(alpha, rng)
-    image = _tone(lit + (1 - alpha) * ground, light, rng)
-    noise = _noise(b, lit.shape[-1], rng) * _uniform(rng, 0, NOISE, (b, 1, 1, 1))
-    return (image + noise * torch.where(plain, alpha, 1.0)).clamp_(0, 1)
+    ground[busy] = backgrounds(int(busy.sum()), lit.shape[-1], rng, photographs)
+    ground *= shadows(alpha, rng)
+    image = tone(lit + (1 - alpha) * ground, light, rng)
+    grain = noise(b, lit.shape[-1], rng) * uniform(rng, 0, NOISE, (b, 1, 1, 1))
+    return (image + grain * torch.where(plain, alpha, 1.0)).clamp_(0, 1)
 
 
 def _frame(crops: Tensor, size: int, plain: Tensor, rng: np.random.Generator) -> Tensor:
@@ -82,11 +82,11 @@ def _frame(crops: Tensor, size: int, plain: Tensor, rng: np.random.Generator) ->
     b = len(crops)
     pixels = torch.empty(crops.shape).copy_(crops)
     pixels[:, :3] *= pixels[:, 3:] / 255
-    zoom = torch.where(plain.flatten(), _uniform(rng, *ZOOM, b), _uniform(rng, *LOOSE_ZOOM, b))
+    zoom = torch.where(plain.flatten(), uniform(rng, *ZOOM, b), uniform(rng, *LOOSE_ZOOM, b))
     zoom = zoom * torch.from_numpy(np.where(rng.random(b) < CUT_SHARE, CUT_ZOOM, 1).astype(np.float32))
     matrix = torch.zeros(b, 2, 3)
     matrix[:, 0, 0] = matrix[:, 1, 1] = 1 / zoom
-    matrix[:, :, 2] = _uniform(rng, -SHIFT, SHIFT, (b, 2))
+    matrix[:, :, 2] = uniform(rng, -SHIFT, SHIFT, (b, 2))
     # at zoom 1 and twice the size, an output pixel lies between four stored ones: sampling returns their mean
     grid = nnf.affine_grid(matrix, [b, 4, size, size], align_corners=False)
     return nnf.grid_sample(pixels, grid, align_corners=False) / 255
@@ -100,11 +100,11 @@ def _add_texture(rgb: Tensor, share: float, rng: np.random.Generator) -> Tensor:
     return rgb
 
 
-def _blur(image: Tensor, rng: np.random.Generator) -> Tensor:
+def blur(image: Tensor, rng: np.random.Generator) -> Tensor:
     """Blur about half of the images by a 3 x 3 kernel (w, 1 - 2w, w) each way, w random up to 1/4."""
     chosen = torch.from_numpy(rng.random(len(image)) < 0.5)
     some = image[chosen]
-    share = _uniform(rng, 0, 0.25, (len(some), 1, 1, 1))
+    share = uniform(rng, 0, 0.25, (len(some), 1, 1, 1))
     for axis in (2, 3):
         inner = some.narrow(axis, 1, some.shape[axis] - 2)
         beside = some.narrow(axis, 0, inner.shape[axis]) + some.narrow(axis, 2, inner.shape[axis])
@@ -114,17 +114,17 @@ def _blur(image: Tensor, rng: np.random.Generator) -> Tensor:
     return image
 
 
-def _tone(image: Tensor, light: Light, rng: np.random.Generator) -> Tensor:
+def tone(image: Tensor, light: Light, rng: np.random.Generator) -> Tensor:
     """Change saturation (to none in the share of gray images) and tone; white stays white, black stays black."""
     b = len(image)
-    saturation = _uniform(rng, *light.saturation, (b, 1, 1, 1))
+    saturation = uniform(rng, *light.saturation, (b, 1, 1, 1))
     saturation[torch.from_numpy(rng.random(b) < light.gray_share)] = 0
     toned = torch.lerp(image.mean(dim=1, keepdim=True), image, saturation).clamp_(0, 1)
-    curve = _uniform(rng, -light.curve, light.curve, (b, 1, 1, 1))  # at 0.8 close to gammas of 2 to 0.6
+    curve = uniform(rng, -light.curve, light.curve, (b, 1, 1, 1))  # at 0.8 close to gammas of 2 to 0.6
     return toned + curve * toned * (1 - toned)
 
 
-def _shadows(alpha: Tensor, rng: np.random.Generator) -> Tensor:
+def shadows(alpha: Tensor, rng: np.random.Generator) -> Tensor:
     """Return the remaining light (b, 1, h, w): a soft ellipse below the object darkens SHADOW_SHARE of the grounds."""
     b, _, height, width = alpha.shape
     y, x = torch.linspace(-1, 1, height).view(1, 1, -1, 1), torch.linspace(-1, 1, width).view(1, 1, 1, -1)
@@ -132,31 +132,37 @@ def _shadows(alpha: Tensor, rng: np.random.Generator) -> Tensor:
     bottom = torch.where(rows, y, -1.0).amax(dim=2, keepdim=True)
     left = torch.where(columns, x, 1.0).amin(dim=3, keepdim=True)
     right = torch.where(columns, x, -1.0).amax(dim=3, keepdim=True)
-    half = (right - left).clamp(min=0.1) / 2 * _uniform(rng, 0.7, 1.3, (b, 1, 1, 1))
-    flat = half * _uniform(rng, 0.15, 0.4, (b, 1, 1, 1))
-    middle = (left + right) / 2 + half * _uniform(rng, -0.3, 0.3, (b, 1, 1, 1))
-    depth = _uniform(rng, 0.15, 0.7, (b, 1, 1, 1))
+    half = (right - left).clamp(min=0.1) / 2 * uniform(rng, 0.7, 1.3, (b, 1, 1, 1))
+    flat = half * uniform(rng, 0.15, 0.4, (b, 1, 1, 1))
+    middle = (left + right) / 2 + half * uniform(rng, -0.3, 0.3, (b, 1, 1, 1))
+    depth = uniform(rng, 0.15, 0.7, (b, 1, 1, 1))
     depth[torch.from_numpy(rng.random(b) >= SHADOW_SHARE)] = 0
     across, along = torch.exp(-(((x - middle) / half) ** 2)), torch.exp(-(((y - bottom) / flat + 0.5) ** 2))
     return 1 - depth * across * along
 
 
-def _backgrounds(count: int, side: int, rng: np.random.Generator, photographs: tuple[Path, ...]) -> Tensor:
+def backgrounds(
+    count: int,
+    side: int,
+    rng: np.random.Generator,
+    photographs: tuple[Path, ...],
+    shares: tuple[float, ...] = GROUND_SHARES,
+) -> Tensor:
     """Return backgrounds (count, 3, side, side): flat colors, gradients, colored noise, crops of photographs."""
-    kind = rng.choice(len(GROUND_SHARES), size=count, p=GROUND_SHARES)
-    first, second = _uniform(rng, 0, 1, (2, count, 3, 1, 1))
-    angle = _uniform(rng, 0, 2 * np.pi, (count, 1, 1, 1))
+    kind = rng.choice(len(shares), size=count, p=shares)
+    first, second = uniform(rng, 0, 1, (2, count, 3, 1, 1))
+    angle = uniform(rng, 0, 2 * np.pi, (count, 1, 1, 1))
     y, x = torch.linspace(-0.5, 0.5, side).view(1, 1, -1, 1), torch.linspace(-0.5, 0.5, side)
     ramp = ((x * angle.cos() + y * angle.sin()) / 1.42 + 0.5) * torch.from_numpy(kind > 0).view(count, 1, 1, 1)
     ground = torch.lerp(first, second, ramp)
     for index in np.flatnonzero(kind == 2):
         ground[index] += rng.uniform(*TEXTURE_CONTRAST) * _crop(noise_textures(side), side, rng)
     for index in np.flatnonzero(kind == 3):
-        ground[index] = _photograph_ground(_load_photographs(photographs, side), side, rng)
+        ground[index] = photograph_ground(load_photographs(photographs, side), side, rng)
     return ground.clamp_(0, 1)
 
 
-def _photograph_ground(photographs: list[Tensor], side: int, rng: np.random.Generator) -> Tensor:
+def photograph_ground(photographs: list[Tensor], side: int, rng: np.random.Generator) -> Tensor:
     """Return a crop of one photograph or of two, (3, side, side), possibly recolored."""
     ground = _recolor(_crop(photographs, side, rng), rng)
     if rng.random() < COLLAGE_SHARE:
@@ -169,10 +175,10 @@ def _photograph_ground(photographs: list[Tensor], side: int, rng: np.random.Gene
 def _recolor(crop: Tensor, rng: np.random.Generator) -> Tensor:
     """Shuffle the channels of half of the crops, and tint each crop."""
     order = rng.permutation(3).tolist() if rng.random() < 0.5 else [0, 1, 2]
-    return crop[order] * _uniform(rng, 0.5, 1.3, (3, 1, 1))
+    return crop[order] * uniform(rng, 0.5, 1.3, (3, 1, 1))
 
 
-def _noise(count: int, side: int, rng: np.random.Generator) -> Tensor:
+def noise(count: int, side: int, rng: np.random.Generator) -> Tensor:
     """Return noise of unit variance, (count, 3, side, side), cut from a fixed store: cheaper than fresh numbers."""
     store, numbers = _normal_numbers(), 3 * side * side
     starts = rng.integers(len(store) - numbers, size=count).tolist()
@@ -207,7 +213,7 @@ def noise_textures(side: int) -> list[Tensor]:
 
 
 @functools.cache
-def _load_photographs(paths: tuple[Path, ...], side: int) -> list[Tensor]:
+def load_photographs(paths: tuple[Path, ...], side: int) -> list[Tensor]:
     """Load photographs as RGB, (3, height, width), each at several sizes."""
     photographs = []
     for path in paths:
@@ -220,5 +226,6 @@ def _load_photographs(paths: tuple[Path, ...], side: int) -> list[Tensor]:
     return photographs
 
 
-def _uniform(rng: np.random.Generator, low: float, high: float, shape: int | tuple[int, ...]) -> Tensor:
+def uniform(rng: np.random.Generator, low: float, high: float, shape: int | tuple[int, ...]) -> Tensor:
+    """Return numbers uniform between two limits, float32."""
     return torch.from_numpy(rng.uniform(low, high, shape).astype(np.float32))

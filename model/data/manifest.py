@@ -20,6 +20,7 @@ SURFACE_POINTS: Final = 10_000  # of an object
 OBJECTS: Final = "objects"  # folder of the objects' files, in the data set's folder
 VARIANTS: Final = "variants"  # folder that `hof-model data vary` writes, in the data set's folder
 PIECES: Final = "made"  # folder that `hof-model data make` writes
+TEXTURES: Final = "textures"  # folder that `hof-model data textures` writes
 COLORS: Final = "colours"  # name of the points' colors in an object's file
 _MAX_STEM: Final = 200  # bytes of a file's name; the file system's limit is 255, with variants and temporary files
 _DIGEST: Final = 16  # hexadecimal digits that keep cut names apart

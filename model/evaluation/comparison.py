@@ -25,12 +25,14 @@ from model.evaluation.evaluate import (
 from model.evaluation.records import Decoder, Record
 from model.evaluation.references.ceiling import fit
 from model.evaluation.references.methods import Retrieval, Training, matched_ellipsoid
+from model.evaluation.references.shapes import TrainingShapes
 from model.evaluation.timing import mapping_decoder, network_decoder
 from model.metrics import compare, floor
 from model.provenance import provenance
 from model.training.checkpoints import chosen_checkpoint, load_network, predictor
 from service.encoding.encoder import Encoder
 from service.encoding.framing import preprocess
+from service.encoding.masks import MattingFunction
 
 Floats = npt.NDArray[np.float32]
 
@@ -39,6 +41,7 @@ MEAN_SHAPE: Final = "mean shape"
 RANDOM_SHAPE: Final = "random training shape"
 RETRIEVAL: Final = "image retrieval"
 ORACLE: Final = "oracle nearest neighbor"
+ORACLE_OF_ALL: Final = "oracle among all training shapes"
 ELLIPSOID: Final = "moment-matched ellipsoid (oracle)"
 SAMPLING_FLOOR: Final = "sampling floor"
 CEILING: Final = "theta fitted to the object"
@@ -51,6 +54,7 @@ def encoder_record(
     seed: int,
     conditions: tuple[Condition, ...] = ("plain",),
     counts: tuple[int, ...] = (PREDICTED_POINTS,),
+    matting: MattingFunction | None = None,
 ) -> Record:
     """Measure an exported encoder on a split; `counts` of points apply to plain images only.
 
@@ -58,7 +62,7 @@ def encoder_record(
     ------
     FileNotFoundError : no data set, or a condition's images are not rendered.
     """
-    objects, answer = list(cases(data, split)), encoder_answer(encoder)
+    objects, answer = list(cases(data, split)), encoder_answer(encoder, matting)
     evaluations = [
         evaluation
         for condition in conditions
@@ -122,10 +126,16 @@ def ceiling_record(encoder: Encoder, data: Path, split: Split, seed: int) -> Rec
     return _record(name, split, objects, [evaluation], provenance(seed), None)
 
 
-def references(data: Path, split: Split, seed: int, conditions: tuple[Condition, ...] = ("plain",)) -> list[Evaluation]:
+def references(
+    data: Path,
+    split: Split,
+    seed: int,
+    conditions: tuple[Condition, ...] = ("plain",),
+    matting: MattingFunction | None = None,
+) -> list[Evaluation]:
     """Measure the references, which need no training; image retrieval under every condition."""
     objects, training = list(cases(data, split)), Training.read(data)
-    pool, retrieval = training.mean_shape(PREDICTED_POINTS, seed), Retrieval(data, training)
+    pool, retrieval = training.mean_shape(PREDICTED_POINTS, seed), Retrieval(data, training, matting)
     shapes: dict[str, Callable[[Case], Floats]] = {
         MEAN_SHAPE: lambda _: pool,
         RANDOM_SHAPE: lambda case: training.random_shape(case.entry.id, seed),
@@ -137,6 +147,13 @@ def references(data: Path, split: Split, seed: int, conditions: tuple[Condition,
         *(_shape(name, shape, objects) for name, shape in shapes.items()),
         measure_objects(SAMPLING_FLOOR, lambda case: floor(case.points), objects),
     ]
+
+
+def oracle_of_all(data: Path, split: Split) -> Evaluation:
+    """Measure the oracle among all shapes that the data set has for training."""
+    shapes = TrainingShapes.read(data)
+    name = f"{ORACLE_OF_ALL} ({len(shapes.files):,})"
+    return _shape(name, lambda case: shapes.oracle(case.points), list(cases(data, split)))
 
 
 def _shape(name: str, shape: Callable[[Case], Floats], objects: list[Case]) -> Evaluation:

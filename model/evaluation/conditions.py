@@ -40,7 +40,7 @@ def condition_views(data: Path, entry: Entry, condition: Condition, views: Bytes
     change: Callable[[Bytes], Bytes] = {
         "plain": lambda view: view,
         "flat color": lambda view: _over(view, _flat(_shape_with_margin(view), rng)),
-        "photograph": lambda view: _over(view, _photograph(_shape_with_margin(view), rng)),
+        "photograph": lambda view: _over(view, photograph(_shape_with_margin(view), rng)),
         "gray": _gray,
     }[condition]
     return [png(change(view)) for view in views]
@@ -89,14 +89,14 @@ def _flat(shape: tuple[int, int], rng: np.random.Generator) -> Bytes:
     return np.full((*shape, 3), rng.integers(256, size=3), np.uint8)
 
 
-def _photograph(shape: tuple[int, int], rng: np.random.Generator) -> Bytes:
+def photograph(shape: tuple[int, int], rng: np.random.Generator) -> Bytes:
     """Return a random square of a random photograph, resized to the shape."""
     choices = photographs()
-    photograph = choices[int(rng.integers(len(choices)))]
-    height, width = photograph.shape[:2]
+    whole = choices[int(rng.integers(len(choices)))]
+    height, width = whole.shape[:2]
     side = int(rng.integers(shape[0], min(height, width)))
     top, left = (int(rng.integers(length - side + 1)) for length in (height, width))
-    crop = Image.fromarray(photograph[top : top + side, left : left + side])
+    crop = Image.fromarray(whole[top : top + side, left : left + side])
     return np.asarray(crop.resize(shape[::-1], Image.Resampling.BOX))
 
 

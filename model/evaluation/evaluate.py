@@ -21,7 +21,9 @@ from model.data.manifest import COLORS, Entry, Manifest, Split
 from model.evaluation.conditions import Condition, condition_views, png
 from model.metrics import NAMES, compare
 from service.encoding.encoder import Encoder
-from service.encoding.framing import preprocess
+from service.encoding.framing import Framed, Framing, preprocess
+from service.encoding.masks import MattingFunction
+from service.errors import NoObjectFound
 from service.mapping.sampler import Sampler
 from service.mapping.spec import Functions, MappingSpec, word_of
 
@@ -85,18 +87,26 @@ def cases(data: Path, split: Split) -> Iterator[Case]:
             yield Case(entry, arrays["views"], arrays["points"], colors, cameras)
 
 
-def encoder_answer(encoder: Encoder) -> Answer:
-    """Return a function that answers as the service would with this encoder."""
+def encoder_answer(encoder: Encoder, matting: MattingFunction | None = None) -> Answer:
+    """Return a function that answers as the service would with this encoder and this matting."""
 
     def answer(photo: bytes, n: int) -> Floats:
-        return draw(encoder.spec, encode_photo(encoder, photo).theta, n)
+        return draw(encoder.spec, encode_photo(encoder, photo, matting).theta, n)
 
     return answer
 
 
-def encode_photo(encoder: Encoder, photo: bytes) -> Functions:
+def encode_photo(encoder: Encoder, photo: bytes, matting: MattingFunction | None = None) -> Functions:
     """Encode an image file as the service would."""
-    return encoder.encode(preprocess(photo, encoder.framing).tensor)[0]
+    return encoder.encode(framed(photo, encoder.framing, matting).tensor)[0]
+
+
+def framed(photo: bytes, framing: Framing, matting: MattingFunction | None = None) -> Framed:
+    """Frame an image file as the service does; where it finds no object, as with `background=keep`."""
+    try:
+        return preprocess(photo, framing, matting=matting)
+    except NoObjectFound:
+        return preprocess(photo, framing, "keep")
 
 
 def draw(spec: MappingSpec, theta: Floats, n: int = PREDICTED_POINTS) -> Floats:

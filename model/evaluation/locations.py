@@ -5,8 +5,8 @@ from typing import Final
 
 RESULTS: Final = Path("model/results")  # records of exported models and of the ceiling
 COLOR: Final = RESULTS / "color"
-COMPARED: Final = RESULTS / "compared"  # methods that `hof-model retrain` trains and measures
 ESTIMATES: Final = RESULTS / "estimates"
+MATTES: Final = RESULTS / "mattes" / "hof-matte.json"
 MIXTURES: Final = RESULTS / "mixtures"
 PAPER: Final = RESULTS / "paper"  # experiments of `hof-model paper`
 RUNS: Final = RESULTS / "runs"  # runs of model/LAB.md

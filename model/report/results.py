@@ -7,21 +7,29 @@ from pathlib import Path
 from model.data.manifest import Split
 from model.evaluation.classes import class_of
 from model.evaluation.color import color_record
-from model.evaluation.comparison import COUNTS, encoder_record, references
+from model.evaluation.comparison import COUNTS, encoder_record, oracle_of_all, references
 from model.evaluation.conditions import CONDITIONS
 from model.evaluation.evaluate import Case, cases
-from model.evaluation.locations import COLOR, COMPARED, RESULTS, SURFACES
+from model.evaluation.locations import COLOR, RESULTS, SURFACES
 from model.evaluation.records import Record
 from model.evaluation.surfaces import Trials
 from model.evaluation.timing import encoder_ms
-from model.report import color, estimates, mixtures, runs, surfaces
+from model.report import color, estimates, mattes, mixtures, runs, surfaces
 from model.report.page import Shipped, all_evaluations, markdown
 from model.report.sheets import everyday_objects, first_objects
 from model.report.targets import checks, target_table
 from service.encoding.encoder import Encoder
+from service.encoding.masks import MattingFunction
 
 
-def report(models: Sequence[Path], data: Path, split: Split, root: Path, seed: int = 0) -> str:
+def report(
+    models: Sequence[Path],
+    data: Path,
+    split: Split,
+    root: Path,
+    seed: int = 0,
+    matting: MattingFunction | None = None,
+) -> str:
     """Evaluate ONNX files; write `root/RESULTS.md`, `root/model/results/<model>.json` and the first model's pictures.
 
     The page is about the first model. The others and every other record in `root/model/results` enter the tables, as do
@@ -38,8 +46,9 @@ def report(models: Sequence[Path], data: Path, split: Split, root: Path, seed: i
     folder = root / RESULTS
     objects = list(cases(data, split))
     read_others(root, encoder.name, split, objects)
-    ours = encoder_record(encoder, data, split, seed, CONDITIONS, COUNTS)
-    ours = replace(ours, evaluations=(*ours.evaluations, *references(data, split, seed, CONDITIONS)))
+    ours = encoder_record(encoder, data, split, seed, CONDITIONS, COUNTS, matting)
+    untrained = (*references(data, split, seed, CONDITIONS, matting), oracle_of_all(data, split))
+    ours = replace(ours, evaluations=(*ours.evaluations, *untrained))
     ours.write(folder / f"{encoder.name}.json")
     for other in (Encoder.open(path, threads=1) for path in beside):
         encoder_record(other, data, split, seed).write(folder / f"{other.name}.json")
@@ -53,7 +62,7 @@ def report(models: Sequence[Path], data: Path, split: Split, root: Path, seed: i
     targets = target_table(checks(all_evaluations(ours, others), ours.method, classes, shipped.bytes_, shipped.ms))
     on_surfaces = surfaces.section(Trials.read(root / SURFACES))
     sections = [runs.section(root), on_surfaces, mixtures.section(root)]
-    sections += [color.section(in_color) if in_color else "", estimates.sections(root)]
+    sections += [color.section(in_color) if in_color else "", estimates.sections(root), mattes.section(root)]
     page = markdown(ours, others, shipped, classes, targets, [section for section in sections if section])
     (root / "RESULTS.md").write_text(page, encoding="utf-8")
     return targets
@@ -68,8 +77,7 @@ def read_others(root: Path, ours: str, split: Split, objects: Sequence[Case]) ->
     """
     ids = tuple(case.entry.id for case in objects)
     records = []
-    paths = {*(root / RESULTS).glob("*.json"), *(root / COMPARED).glob("*.json")} - {root / SURFACES}
-    for path in sorted(paths):
+    for path in sorted({*(root / RESULTS).glob("*.json")} - {root / SURFACES}):
         record = Record.read(path)
         if record.method == ours:
             continue

@@ -14,8 +14,9 @@ from model.metrics import class_uniform, interval
 from model.report.tables import find, loss, spread, table
 
 BETTER: Final = {"cd_forward": -1, "cd_backward": -1, "f@1%": 1, "f@2%": 1, "f@5%": 1}  # the sign of a gain
-ORACLE_SHARE: Final = 0.75  # of the oracle's F@1%, at least; the stretch target is all of it
-MOST_LOST: Final = 15.0  # % of F@2% on harder images
+MOST_LOST: Final[dict[Condition, float]] = {"photograph": 6.0}  # % of F@2%
+OTHERWISE_LOST: Final = 15.0  # on other harder images
+MOST_BEATEN: Final = 8  # objects no better than their ellipsoids
 MOST_BYTES: Final = 30_000_000
 MOST_MS: Final = 25.0
 
@@ -38,17 +39,18 @@ def checks(
     for name in ("cd_forward", "cd_backward"):
         a, b = float(ours.column(name).mean()), float(oracle.column(name).mean())
         results.append(Check(f"{name} below the oracle's", f"{a:.3f} against {b:.3f}", a < b))
-    share = float(ours.column("f@1%").mean() / oracle.column("f@1%").mean())
-    for share_text, least in (("at least 0.75 of the oracle's", ORACLE_SHARE), ("stretch: all of the oracle's", 1.0)):
-        results.append(Check(f"f@1% {share_text}, mean over objects", f"{share:.3f}", share >= least))
-    uniform = [class_uniform(one.column("f@1%"), classes)[0] for one in (ours, oracle)]
-    measured = f"{uniform[0]:.3f} against {uniform[1]:.3f}"
-    results.append(Check("stretch: all of the oracle's f@1%, class-uniform", measured, uniform[0] >= uniform[1]))
+    means = [one.column("f@1%") for one in (ours, oracle)]
+    for weights, (a, b) in (
+        ("mean over objects", [float(values.mean()) for values in means]),
+        ("class-uniform", [class_uniform(values, classes)[0] for values in means]),
+    ):
+        results.append(Check(f"f@1% at least the oracle's, {weights}", f"{a:.3f} against {b:.3f}", a >= b))
     results += _ellipsoid_checks(ours, find(evaluations, ELLIPSOID), classes)
     for condition in CONDITIONS[1:]:
         results += _retrieval_checks(evaluations, method, condition)
         lost = loss(evaluations, method, condition)
-        results.append(Check(f"{condition}: loses less than 15% of f@2%", f"{lost:.1f}%", lost < MOST_LOST))
+        most = MOST_LOST.get(condition, OTHERWISE_LOST)
+        results.append(Check(f"{condition}: loses at most {most:g}% of f@2%", f"{lost:.1f}%", lost <= most))
     results.append(Check("encoder at most 30 MB on disk", f"{bytes_ / 1e6:.1f} MB", bytes_ <= MOST_BYTES))
     results.append(Check("encoder at most 25 ms on one core", f"{ms:.1f} ms", ms <= MOST_MS))
     return results
@@ -61,7 +63,10 @@ def target_table(results: Sequence[Check]) -> str:
 
 
 def _ellipsoid_checks(ours: Evaluation, ellipsoid: Evaluation, classes: Sequence[str]) -> Iterator[Check]:
-    """Check that each class of everyday furniture is better than the moment-matched ellipsoids."""
+    """Check that few objects are no better than their moment-matched ellipsoids, and each class of furniture is."""
+    beaten = int((ours.column("f@2%") <= ellipsoid.column("f@2%")).sum())
+    text = f"objects no better in f@2% than their ellipsoids: at most {MOST_BEATEN}"
+    yield Check(text, str(beaten), beaten <= MOST_BEATEN)
     labels = np.array(classes)
     for name in (name for name in EVERYDAY if name in classes):
         a, b = (float(one.column("f@2%")[labels == name].mean()) for one in (ours, ellipsoid))

@@ -58,7 +58,10 @@ def _model(settings: Settings) -> tuple[State, str]:
 
 def _matting(settings: Settings) -> tuple[State, str]:
     if Matting.of(settings.matting_model, settings.threads) is None:
-        return "warn", "none: photos need a plain background or transparency; set --matting-model to change that"
+        return (
+            "warn",
+            "none: photos need a plain background or transparency; leave out --matting-model to use the shipped one",
+        )
     return "ok", str(settings.matting_model)
 
 

@@ -66,7 +66,7 @@ def _encode_photos(arguments: argparse.Namespace, settings: Settings, paths: Seq
     result = _write(arguments, encoder, functions, measure(encoder.spec, functions.theta), reports[0])
     lines = []
     for path, report, each in zip(paths, reports, encoded, strict=True):
-        hint = "; no matting model is set (--matting-model)" if report.mask == "none" and matting is None else ""
+        hint = "; matting is off (--matting-model none)" if report.mask == "none" and matting is None else ""
         lines.append(f"{shown_name(path)}: {report}{hint}")
         lines += [f"{shown_name(path)}: {each.estimates.rounded()}"] if each.estimates else []
     lines.append(result)

@@ -97,7 +97,7 @@ class EncodeOptions(BaseModel):
     background: Background = Field(
         default="auto",
         description="`auto` removes the background by the first method that applies: transparency, a uniform border, "
-        "matting if the service has a model for it; if none does, it keeps the image as it is. `keep` always keeps "
+        "matting unless the service runs without it; if none does, it keeps the image as it is. `keep` always keeps "
         "the image as it is. `remove` answers 422 if no method applies",
     )
     foreground_ratio: float | None = Field(

@@ -23,8 +23,8 @@ from service.telemetry.metrics import shared_by_workers
 
 logger: Final = logging.getLogger("hof")
 NO_MATTING: Final = (
-    "no matting model: photos need transparency or a plain background, else the whole picture counts as the object; "
-    "set --matting-model, or U2NET_HOME to the folder of u2netp.onnx"
+    "matting is off (--matting-model none): photos need transparency or a plain background, else the whole picture "
+    "counts as the object"
 )
 
 

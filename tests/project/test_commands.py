@@ -29,10 +29,10 @@ TRIVIAL = ("cd", "export", "git", ".")
 
 
 @pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory, u2net_home: Path) -> Iterator[Server]:
+def service(tmp_path_factory: pytest.TempPathFactory, u2net: Path) -> Iterator[Server]:
     """Run the service as `make serve` does, with the shipped models and matting, and an empty store."""
     store = f"sqlite:///{tmp_path_factory.mktemp('store') / 'hof.db'}"
-    with running(Settings(database_url=store, matting_model=u2net_home / "u2netp.onnx", threads=1)) as server:
+    with running(Settings(database_url=store, matting_model=u2net, threads=1)) as server:
         yield server
 
 

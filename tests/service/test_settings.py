@@ -6,7 +6,14 @@ import pytest
 from pydantic import ValidationError
 
 from service import settings as module
-from service.settings import SHIPPED_MODEL, Settings, available_cpus
+from service.settings import (
+    SHIPPED_MATTING,
+    SHIPPED_MODEL,
+    Settings,
+    available_cpus,
+    default_matting_model,
+    shipped_models,
+)
 
 
 @pytest.fixture(autouse=True)
@@ -21,7 +28,7 @@ def test_settings_by_default_serve_this_machine_with_the_shipped_model() -> None
     assert settings.model[0] == Path(module.__file__).parents[1] / "model" / "weights" / "hof1-k2.onnx"
     assert settings.database_url.startswith("sqlite:///")
     assert settings.database_url.endswith("hof/hof.db")
-    assert settings.matting_model is None
+    assert settings.matting_model == default_matting_model()
     assert settings.threads == available_cpus()
     assert (settings.workers, settings.api_keys_file, settings.rate_limit, settings.cors_origins) == (
         1,
@@ -56,24 +63,22 @@ def test_settings_model_by_name_is_the_shipped_file(monkeypatch: pytest.MonkeyPa
     assert Settings.model_validate({"model": ["hof1-k4"]}).model == (Path("hof1-k4"),)
 
 
-def test_settings_matting_model_defaults_to_the_one_that_make_installed(
+def test_settings_matting_model_defaults_to_the_best_one_there_is(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.delenv("U2NET_HOME")
     monkeypatch.setattr("sys.prefix", str(tmp_path))
-    assert Settings().matting_model is None
+    assert Settings().matting_model == SHIPPED_MATTING
+    assert SHIPPED_MATTING.is_file()
+    assert SHIPPED_MATTING not in shipped_models()
     installed = tmp_path / "u2net" / "rembg" / "u2netp.onnx"
     installed.parent.mkdir(parents=True)
     installed.touch()
     assert Settings().matting_model == installed
-    assert Settings(matting_model="none").matting_model is None  # type: ignore[arg-type]
-    monkeypatch.setenv("U2NET_HOME", "")
-    assert Settings().matting_model is None
-
-
-def test_settings_matting_model_defaults_to_u2net_home(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("U2NET_HOME", "/models")
     assert Settings().matting_model == Path("/models/u2netp.onnx")
+    monkeypatch.setenv("U2NET_HOME", "")
+    assert Settings().matting_model == SHIPPED_MATTING
+    assert Settings(matting_model="none").matting_model is None  # type: ignore[arg-type]
     monkeypatch.setenv("HOF_MATTING_MODEL", "other.onnx")
     assert Settings().matting_model == Path("other.onnx")
 

@@ -122,11 +122,11 @@ def _running(
 ) -> Iterator[subprocess.Popen[bytes]]:
     """Start a process in a session of its own; in the end stop it, and kill what it leaves behind.
 
-    Without U2NET_HOME it has no matting model, even if `make` installed one.
+    It runs without matting, unless `environment` names a model.
     """
     process = subprocess.Popen(
         command,
-        env={"U2NET_HOME": "", **os.environ, "PYTHONPATH": str(ROOT), **environment},
+        env={"HOF_MATTING_MODEL": "none", **os.environ, "PYTHONPATH": str(ROOT), **environment},
         stderr=stderr,
         cwd=cwd,
         preexec_fn=preexec_fn,

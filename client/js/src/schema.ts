@@ -1618,7 +1618,7 @@ export interface operations {
         parameters: {
             query?: {
                 /**
-                 * @description `auto` removes the background by the first method that applies: transparency, a uniform border, matting if the service has a model for it; if none does, it keeps the image as it is. `keep` always keeps the image as it is. `remove` answers 422 if no method applies
+                 * @description `auto` removes the background by the first method that applies: transparency, a uniform border, matting unless the service runs without it; if none does, it keeps the image as it is. `keep` always keeps the image as it is. `remove` answers 422 if no method applies
                  * @example auto
                  */
                 background?: "auto" | "keep" | "remove";

@@ -9,13 +9,12 @@ import numpy as np
 import trimesh
 from PIL import Image, ImageStat
 
-from model.data.manifest import Manifest
+from model.data.manifest import TEXTURES, Manifest
 from model.data.procedural.primitives import Rng, Triple, paint
 from model.data.rendering.surface import material_color
 from model.data.small import store_small
 from model.data.sources.meshes import MeshRecord
 
-FOLDER: Final = "textures"  # in the data set's folder
 SUFFIXES: Final = (".jpg", ".jpeg", ".png")
 SIDES: Final = (32, 192)  # pixels: smaller images are swatches of one color, larger ones are scaled down
 UNEVEN: Final = 4.0  # least standard deviation of the gray levels, of 255: less looks like one color
@@ -39,9 +38,9 @@ def gather_textures(records: Iterable[MeshRecord], folder: Path) -> list[Path]:
     for record in records:
         folders[record.id in train].add(record.path.parent)
     beside = folders[True] - folders[False]
-    (folder / FOLDER).mkdir(exist_ok=True)
+    (folder / TEXTURES).mkdir(exist_ok=True)
     for path in sorted(path for place in beside for path in place.iterdir() if path.suffix.lower() in SUFFIXES):
-        target = folder / FOLDER / f"{hashlib.sha256(path.read_bytes()).hexdigest()[:16]}.jpg"
+        target = folder / TEXTURES / f"{hashlib.sha256(path.read_bytes()).hexdigest()[:16]}.jpg"
         if not target.exists():
             _store_texture(path, target)
     return texture_files(folder)
@@ -49,7 +48,7 @@ def gather_textures(records: Iterable[MeshRecord], folder: Path) -> list[Path]:
 
 def texture_files(folder: Path) -> list[Path]:
     """Return the files that `gather_textures` wrote, sorted."""
-    return sorted((folder / FOLDER).glob("*.jpg"))
+    return sorted((folder / TEXTURES).glob("*.jpg"))
 
 
 def _store_texture(path: Path, target: Path) -> None:

@@ -8,9 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from model.data.manifest import COLORS, Entry, Manifest
+from model.evaluation.evaluate import framed
 from model.evaluation.references.features import FRAMING, Features, training_bank
 from model.metrics import nearest_distances
-from service.encoding.framing import preprocess
+from service.encoding.masks import MattingFunction
 
 Floats = npt.NDArray[np.float32]
 Bytes = npt.NDArray[np.uint8]
@@ -35,7 +36,7 @@ class Training:
         FileNotFoundError : `data` holds no finished data set.
         """
         entries = list(Manifest.read(data).of("train"))
-        return cls(entries, np.stack([_points(data, entry) for entry in entries]))
+        return cls(entries, np.stack([points_of(data / entry.file) for entry in entries]))
 
     def mean_shape(self, n: int, seed: int) -> Floats:
         """Draw n points from all training objects' points together, (n, 3)."""
@@ -79,11 +80,12 @@ def matched_ellipsoid(true: Floats, seed: int) -> Floats:
 class Retrieval:
     """Image retrieval: the training object with the view whose features are most similar to the photo's."""
 
-    def __init__(self, data: Path, training: Training) -> None:
+    def __init__(self, data: Path, training: Training, matting: MattingFunction | None = None) -> None:
         self._data = data
         self._features = Features()
         self._bank = training_bank(data, training.entries, self._features)
         self._training = training
+        self._matting = matting
 
     def __call__(self, photo: bytes, n: int) -> Floats:
         """Return n points of the matching object (n, 3) for an image file, framed as the service frames it."""
@@ -99,7 +101,7 @@ class Retrieval:
         return points, colors
 
     def _match(self, photo: bytes) -> int:
-        return self._bank.most_similar(self._features(preprocess(photo, FRAMING).tensor)[0])
+        return self._bank.most_similar(self._features(framed(photo, FRAMING, self._matting).tensor)[0])
 
 
 def summed_distance(a: Floats, b: Floats) -> float:
@@ -107,7 +109,8 @@ def summed_distance(a: Floats, b: Floats) -> float:
     return float(nearest_distances(a, b).mean() + nearest_distances(b, a).mean())
 
 
-def _points(data: Path, entry: Entry) -> Floats:
-    with np.load(data / entry.file) as arrays:
+def points_of(file: Path) -> Floats:
+    """Return the points of a shape's file, (10000, 3)."""
+    with np.load(file) as arrays:
         points: Floats = arrays["points"]
     return points

@@ -1,7 +1,7 @@
 // The page's API without a service: the same exports as js/api.js, which the import map of the static page replaces by
 // this module. Photos are encoded and objects are drawn here; objects are kept until the tab is closed.
 
-import { decode, Encoder, NoObjectFound } from "hof-client/encoder";
+import { decode, Encoder, Matting, NoObjectFound } from "hof-client/encoder";
 
 import { fileOf } from "./files.js";
 import { pictureOf } from "./picture.js";
@@ -11,10 +11,12 @@ import { points } from "./points.js";
 export const HAS_ADDRESSES = false; // files are written here: other apps cannot fetch them
 
 const MODEL = "hof1-k2";
+const MATTE = "hof-matte";
 const FORMATS = { mesh: ["glb"], points: ["ply", "glb", "f32"], weights: ["safetensors"] }; // that files.js writes
 
 const store = new Store();
 let encoder; // a promise, once a photo was given
+let matting; // a promise, once a photo needed it
 
 /** An error with a title, as a service answers it. */
 export class Problem extends Error {
@@ -41,7 +43,7 @@ export async function encode(photo, { background } = {}, signal) {
   const [opened, pixels] = await Promise.all([encoder, decoded(photo)]);
   signal?.throwIfAborted();
   try {
-    const encoded = await opened.encode(pixels, background);
+    const encoded = await opened.encode(pixels, background, matteOf);
     signal?.throwIfAborted();
     return store.add(encoded, opened.metadata.name);
   } catch (error) {
@@ -56,9 +58,20 @@ export async function complete() {
 }
 
 async function openEncoder() {
-  const answer = await fetch(new URL(`../models/${MODEL}.onnx`, import.meta.url));
+  return Encoder.open(await fetchModel(MODEL));
+}
+
+/** Tell the object of a photo from a background that is neither transparent nor plain. */
+async function matteOf(pixels) {
+  matting ??= fetchModel(MATTE).then((model) => Matting.open(model));
+  matting.catch(() => (matting = undefined)); // another photo tries again
+  return (await matting).matteOf(pixels);
+}
+
+async function fetchModel(name) {
+  const answer = await fetch(new URL(`../models/${name}.onnx`, import.meta.url));
   if (!answer.ok) throw new Problem("No model", `the web server answered ${answer.status} for the model's file`);
-  return Encoder.open(new Uint8Array(await answer.arrayBuffer()));
+  return new Uint8Array(await answer.arrayBuffer());
 }
 
 async function decoded(photo) {

@@ -1,16 +1,16 @@
 // Writes the page as a folder that any web server can hold: node build.mjs FOLDER
-// It has the page, its photos and libraries, hof-client, onnxruntime-web and the default model.
+// It has the page, its photos and libraries, hof-client, onnxruntime-web the default model and the matte network.
 
 import { createHash } from "node:crypto";
 import { cp, mkdir, readFile, rm, writeFile } from "node:fs/promises";
 import { existsSync } from "node:fs";
-import { basename, join, resolve } from "node:path";
+import { join, resolve } from "node:path";
 
 const VIEWER = resolve(import.meta.dirname, "..");
 const ROOT = resolve(VIEWER, "..", "..");
 const CLIENT = join(ROOT, "client", "js");
 const RUNTIME = join(CLIENT, "node_modules", "onnxruntime-web");
-const MODEL = join(ROOT, "model", "weights", "hof1-k2.onnx");
+const MODELS = ["hof1-k2.onnx", "hof-matte.onnx"];
 
 const LEFT_OUT = ["docs.html", "js/docs.js", "embed.html", "js/embed.js", "bundle/swagger-ui", "index.html"].map((path) =>
   join(VIEWER, "static", path),
@@ -46,7 +46,7 @@ await cp(join(dist, "ort.wasm.bundle.min.mjs"), runtime("ort.js")); // many serv
 await cp(join(dist, "ort-wasm-simd-threaded.wasm"), runtime("ort-wasm-simd-threaded.wasm"));
 await cp(join(ROOT, "LICENSE"), join(target, "LICENSE"));
 await cp(join(ROOT, "NOTICE"), join(target, "NOTICE"));
-await cp(MODEL, join(viewer, "models", basename(MODEL)));
+for (const model of MODELS) await cp(join(ROOT, "model", "weights", model), join(viewer, "models", model));
 await writeFile(join(target, "index.html"), page(await readFile(join(VIEWER, "static", "index.html"), "utf-8")));
 
 /** Return index.html with the import map, the style and the policy of the static page. */

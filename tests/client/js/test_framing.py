@@ -5,11 +5,15 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import pytest
+import skimage.data
 from PIL import Image, ImageDraw
 
 from service.encoding.decode import decode
 from service.encoding.framing import Framing, frame, over_white
+from service.encoding.matting import Matting
+from service.settings import SHIPPED_MATTING
 from tests.client.js.conftest import Run
 from tests.support import ROOT
 
@@ -23,7 +27,7 @@ import { frame } from "hof-client/encoder";
 const [source, target, width, height, size, ratio] = process.argv.slice(1);
 const data = new Uint8ClampedArray(await readFile(source));
 const photo = { data, width: Number(width), height: Number(height) };
-const { tensor, ...report } = frame(photo, Number(size), Number(ratio));
+const { tensor, ...report } = await frame(photo, Number(size), Number(ratio));
 await writeFile(target, tensor);
 console.log(JSON.stringify(report));
 """
@@ -84,3 +88,51 @@ def test_photo_is_framed_as_by_the_service(npm: Run, built: Path, tmp_path: Path
     difference = np.abs(tensor - over_white(crop.rgba))
     assert difference.max() <= 2.01 * LEVEL
     assert difference.mean() < 0.1 * LEVEL
+
+
+MATTE = """
+import { readFile, writeFile } from "node:fs/promises";
+import { frame, Matting } from "hof-client/encoder";
+const [source, model, target, width, height, size, ratio] = process.argv.slice(1);
+const data = new Uint8ClampedArray(await readFile(source));
+const photo = { data, width: Number(width), height: Number(height) };
+const matting = await Matting.open(new Uint8Array(await readFile(model)));
+const matteOf = (image) => matting.matteOf(image);
+await writeFile(target, await matteOf(photo));
+const { tensor, ...report } = await frame(photo, Number(size), Number(ratio), "auto", matteOf);
+console.log(JSON.stringify(report));
+"""
+OVER_PHOTOGRAPHS: dict[str, Callable[[], Image.Image]] = {
+    "cup": PHOTOS["coffee"],
+    "chair on grass": lambda: _before("chair.png", skimage.data.grass(), (512, 512)),
+    "small chair on gravel": lambda: _before("armchair.png", skimage.data.gravel(), (700, 500)),
+}
+
+
+def _before(name: str, ground: npt.NDArray[np.uint8], size: tuple[int, int]) -> Image.Image:
+    """Return a picture of the demo before a texture."""
+    picture = decode((ROOT / "demo" / name).read_bytes()).convert("RGBA").resize((240, 240))
+    result = Image.fromarray(ground).convert("RGB").resize(size)
+    result.paste(picture, (130, 170), picture)
+    return result
+
+
+@pytest.mark.parametrize("name", OVER_PHOTOGRAPHS)
+def test_photo_before_any_background_is_cut_out_as_by_the_service(
+    npm: Run, built: Path, tmp_path: Path, name: str
+) -> None:
+    image = OVER_PHOTOGRAPHS[name]()
+    (tmp_path / "photo.rgba").write_bytes(image.convert("RGBA").tobytes())
+    files = (str(tmp_path / "photo.rgba"), str(SHIPPED_MATTING), str(tmp_path / "matte"))
+    numbers = (*image.size, SIZE, RATIO)
+    report = json.loads(npm("node", "--input-type=module", "--eval", MATTE, *files, *map(str, numbers)))
+    matting = Matting.of(SHIPPED_MATTING, 1)
+    assert matting is not None
+    crop = frame(image, Framing(SIZE, RATIO), matting=matting)
+    assert report["mask"] == crop.mask == "matting"
+    np.testing.assert_allclose(report["box"], crop.box, atol=1)
+    assert report["confidence"] == pytest.approx(crop.confidence, abs=1e-3)
+    matte = np.fromfile(tmp_path / "matte", np.uint8).reshape(image.height, image.width)
+    difference = np.abs(matte.astype(int) - matting(image))
+    assert difference.mean() < 0.5
+    assert np.quantile(difference, 0.999) <= 8

@@ -56,13 +56,11 @@ def test_encode_with_framing_options_changes_theta(here: Path) -> None:
     assert len(set(thetas)) == 3
 
 
-def test_encode_with_u2net_home_removes_the_background(
-    here: Path, u2net_home: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_encode_with_matting_removes_the_background(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     photo = str(Path(__file__).parents[3] / "demo" / "coffee.jpg")
     assert main(["encode", photo, "-o", "whole.safetensors"]) == 0
     assert main(["encode", photo, "-o", "refused.safetensors", "--background", "remove"]) == 2
-    monkeypatch.setenv("U2NET_HOME", str(u2net_home))
+    monkeypatch.delenv("HOF_MATTING_MODEL")
     assert main(["encode", photo, "-o", "object.safetensors", "--background", "remove"]) == 0
     thetas = [load((here / f"{name}.safetensors").read_bytes()).theta for name in ("whole", "object")]
     assert np.abs(thetas[0] - thetas[1]).max() > 1e-3

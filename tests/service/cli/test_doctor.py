@@ -14,6 +14,7 @@ import pytest
 
 from service.cli.main import main
 from service.encoding.compiled import NOT_BUILT
+from service.settings import SHIPPED_MATTING
 from service.storage import database
 from tests.service.mapping.engines import built_kernel, needs_kernel
 from tests.support import ROOT
@@ -63,9 +64,9 @@ def doctor(
 
 def _environment(folder: Path, model: Path, settings: dict[str, str]) -> dict[str, str]:
     """Return the variables of this process, with those of a service in place of those it has."""
-    inherited = {name: value for name, value in os.environ.items() if not name.startswith(("HOF_", "OTEL_", "U2NET_"))}
-    own = {"HOF_MODEL": str(model), "HOF_DATABASE_URL": f"sqlite:///{folder}/hof.db", "HOF_PORT": "0", "U2NET_HOME": ""}
-    return inherited | own | settings
+    inherited = {name: value for name, value in os.environ.items() if not name.startswith(("HOF_", "OTEL_"))}
+    own = {"HOF_MODEL": str(model), "HOF_DATABASE_URL": f"sqlite:///{folder}/hof.db", "HOF_PORT": "0"}
+    return inherited | {"HOF_MATTING_MODEL": "none"} | own | settings
 
 
 def _report(status: int, out: str, err: str) -> Report:
@@ -79,8 +80,8 @@ def _report(status: int, out: str, err: str) -> Report:
     return status, findings
 
 
-def test_doctor_of_a_complete_installation_is_ok(model_path: Path, tmp_path: Path, u2net_home: Path) -> None:
-    status, findings = _doctor(tmp_path, model_path, U2NET_HOME=str(u2net_home), HOF_THREADS="1")
+def test_doctor_of_a_complete_installation_is_ok(model_path: Path, tmp_path: Path) -> None:
+    status, findings = _doctor(tmp_path, model_path, HOF_THREADS="1", HOF_MATTING_MODEL=str(SHIPPED_MATTING))
     assert status == 0
     assert {state for subject, (state, _) in findings.items() if subject != "disk"} == {"ok"}
     assert "tiny-k2" in findings["model"][1]

@@ -40,14 +40,14 @@ def test_encode_tells_mask_box_confidence_files_and_points(here: Path, capsys: p
     assert main(["encode", "noise.png", "-o", "out.safetensors"]) == 0
     report = capsys.readouterr().err
     assert "noise.png: the whole picture; " in report
-    assert "no matting model is set (--matting-model)" in report
+    assert "matting is off (--matting-model none)" in report
     assert "out.safetensors: weights of tiny-k2" in report
 
 
-def test_encode_without_settings_uses_the_matting_model_that_make_installed(
-    here: Path, u2net_home: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_encode_without_settings_uses_the_shipped_matting(
+    here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.delenv("U2NET_HOME")
+    monkeypatch.delenv("HOF_MATTING_MODEL")
     photo = str(Path(__file__).parents[3] / "demo" / "coffee.jpg")
     assert main(["encode", photo, "-o", "cup.ply", "--n", "10"]) == 0
     assert "mask by matting, confidence 0." in capsys.readouterr().err

@@ -10,6 +10,7 @@ import pytest
 
 from service.api.routes.viewer import NOT_BUILT
 from service.server.serve import NO_MATTING
+from service.settings import SHIPPED_MATTING
 from tests.support import ROOT
 from tests.support.photos import disc, image_file
 from tests.support.processes import USER_WITHOUT_HOME, hof_serve
@@ -30,8 +31,8 @@ def test_serve_without_matting_model_and_page_logs_both_and_their_remedies(tmp_p
     assert f"/ and /docs are missing: {NOT_BUILT}" in messages
 
 
-def test_serve_with_all_parts_logs_nothing_missing(tmp_path: Path, model_path: Path, u2net_home: Path) -> None:
-    with hof_serve(tmp_path, model_path, U2NET_HOME=str(u2net_home)) as served:
+def test_serve_with_all_parts_logs_nothing_missing(tmp_path: Path, model_path: Path) -> None:
+    with hof_serve(tmp_path, model_path, HOF_MATTING_MODEL=str(SHIPPED_MATTING)) as served:
         assert httpx.get(f"{served.url}/docs").status_code == 200
     assert [message for message in _messages(tmp_path) if "matting" in message or "missing" in message] == []
 

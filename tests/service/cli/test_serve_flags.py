@@ -8,18 +8,18 @@ import pytest
 from service.api.keys import make_key
 from service.cli.main import main
 from service.server.process import Server
-from service.settings import Settings
+from service.settings import SHIPPED_MATTING, Settings
 from tests.support.small import model as tiny_model
 
 
-def _values_of_all_settings(model_path: Path, u2net_home: Path, folder: Path) -> dict[str, object]:
+def _values_of_all_settings(model_path: Path, folder: Path) -> dict[str, object]:
     """Return a value for each setting."""
     return {
         "host": "::1",
         "port": 1,
         "database_url": f"sqlite:///{folder / 'x.db'}",
         "model": (model_path, tiny_model.build(folder / "b.onnx", meta=tiny_model.metadata(name="b"))),
-        "matting_model": u2net_home / "u2netp.onnx",
+        "matting_model": SHIPPED_MATTING,
         "database_connections": 3,
         "database_timeout_s": 2.5,
         "root_path": "/hof",
@@ -50,9 +50,9 @@ def _values_of_all_settings(model_path: Path, u2net_home: Path, folder: Path) ->
 
 
 def test_serve_with_all_flags_sets_every_setting(
-    monkeypatch: pytest.MonkeyPatch, model_path: Path, u2net_home: Path, tmp_path: Path
+    monkeypatch: pytest.MonkeyPatch, model_path: Path, tmp_path: Path
 ) -> None:
-    values = _values_of_all_settings(model_path, u2net_home, tmp_path)
+    values = _values_of_all_settings(model_path, tmp_path)
     (tmp_path / "keys").write_text(make_key("a", frozenset({"read"}))[1].line)
     assert values.keys() == Settings.model_fields.keys()
     passed: list[Settings] = []

@@ -136,8 +136,8 @@ def test_decoding_of_a_jpeg_of_48_megapixels_stays_within_the_stated_memory(tmp_
 
 @pytest.mark.system
 @pytest.mark.parametrize("threads", [1, 2, 4])
-def test_matting_stays_within_the_stated_memory_and_returns_it(u2net_home: Path, threads: int) -> None:
-    command = [sys.executable, "-c", MATTING, str(u2net_home / "u2netp.onnx"), str(threads)]
+def test_matting_stays_within_the_stated_memory_and_returns_it(u2net: Path, threads: int) -> None:
+    command = [sys.executable, "-c", MATTING, str(u2net), str(threads)]
     result = subprocess.run(command, cwd=ROOT, env={"PYTHONPATH": str(ROOT)}, capture_output=True, check=False)
     assert result.returncode == 0, result.stderr.decode()
     peak, kept = map(int, result.stdout.split())

@@ -110,6 +110,12 @@ def test_photo_of_the_demo_gives_the_points_of_the_service(
     alone.screenshot(path=PICTURES / f"static-{name}.png", full_page=True)
 
 
+def test_photo_before_a_table_is_cut_out_in_the_browser(alone: Page) -> None:
+    _choose(alone, ROOT / "demo" / "coffee.jpg")
+    expect(alone.locator("#framing figcaption")).to_contain_text("Background removed by the matting model")
+    alone.screenshot(path=PICTURES / "static-coffee.png", full_page=True)
+
+
 def test_function_of_the_page_is_one_that_the_service_takes(alone: Page, address: str, tmp_path: Path) -> None:
     _choose(alone, photo("chair"), _show_points(alone))
     weights = _save(alone, "safetensors: all of the object", tmp_path).read_bytes()

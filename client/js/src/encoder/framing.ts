@@ -1,7 +1,7 @@
 // A photo -> the encoder's input, framed as the service does it (service/encoding/framing.py).
 
-import { FLOOR, matteOf, type Mask, type Matte } from "./masks.js";
-import { crop, reduce, resize, type Box, type Pixels } from "./pixels.js";
+import { FLOOR, MATTING_FLOOR, matteOf, type Mask, type Matte, type MattingFunction } from "./masks.js";
+import { crop, reduce, resize, roundHalfToEven, type Box, type Pixels } from "./pixels.js";
 
 export type Background = "auto" | "keep" | "remove";
 
@@ -24,18 +24,25 @@ export class NoObjectFound extends Error {
 }
 
 const WORK_SIDE = 1024; // pixels of the longest side at which masks and crops are computed
+const MIN_CONFIDENCE = 0.7; // of a matte from a network
 const MIN_FOREGROUND = 5e-4; // of the image's pixels
 const SPECKS = 2e-4; // of the foreground, which are cut from each end
 
 /**
  * Crop a square around the object and resize it. `size`: side of the input, pixels; `ratio`: share of it that the
- * object's longer side takes. Throws NoObjectFound.
+ * object's longer side takes. `matting`: tells the object from any background. Throws NoObjectFound.
  */
-export function frame(photo: Pixels, size: number, ratio: number, background: Background = "auto"): Framed {
+export async function frame(
+  photo: Pixels,
+  size: number,
+  ratio: number,
+  background: Background = "auto",
+  matting?: MattingFunction,
+): Promise<Framed> {
   const { width, height } = photo;
   const factor = Math.max(1, Math.ceil(Math.max(width, height) / WORK_SIDE));
   const work = factor > 1 ? reduce(photo, factor) : photo;
-  const { mask, matte } = background === "keep" ? { mask: "none" as const, matte: undefined } : matteOf(work);
+  const { mask, matte } = background === "keep" ? { mask: "none" as const, matte: undefined } : await matteOf(work, matting);
   if (!matte) {
     if (background === "remove") {
       throw new NoObjectFound("the background cannot be removed: the image has neither transparency nor a uniform border");
@@ -43,11 +50,15 @@ export function frame(photo: Pixels, size: number, ratio: number, background: Ba
     const tensor = overWhite(cropped(work, [0, 0, work.width, work.height], 1, size));
     return { tensor, mask, box: [0, 0, width, height], width, height };
   }
-  const box = foregroundBox(matte, work);
+  const box = foregroundBox(matte, work, mask === "matting" ? MATTING_FLOOR : FLOOR);
+  const confidence = confidenceOf(matte);
+  if (mask === "matting" && confidence < MIN_CONFIDENCE) {
+    throw new NoObjectFound("no object found in the image: nothing in it stands out clearly enough");
+  }
   const tensor = overWhite(cropped(withAlpha(work, matte), box, ratio, size));
   const [left, top, right, bottom] = box.map((edge) => factor * edge);
   const inPhoto: Box = [left, top, Math.min(right, width), Math.min(bottom, height)];
-  return { tensor, mask, box: inPhoto, confidence: confidenceOf(matte), width, height };
+  return { tensor, mask, box: inPhoto, confidence, width, height };
 }
 
 function cropped(image: Pixels, box: Box, ratio: number, size: number): Pixels {
@@ -86,10 +97,10 @@ function confidenceOf(matte: Matte): number {
 }
 
 /** The bounding box of the pixels above the floor, without specks. */
-function foregroundBox(matte: Matte, { width, height }: Pixels): Box {
+function foregroundBox(matte: Matte, { width, height }: Pixels, floor: number): Box {
   const [columns, rows] = [new Float64Array(width), new Float64Array(height)];
   matte.forEach((value, at) => {
-    if (value <= FLOOR) return;
+    if (value <= floor) return;
     columns[at % width]++;
     rows[Math.floor(at / width)]++;
   });
@@ -112,10 +123,4 @@ function span(counts: Float64Array, total: number): [number, number] {
     if (last < 0 && sum >= total - slack) last = index;
   });
   return [first, last + 1];
-}
-
-function roundHalfToEven(value: number): number {
-  const below = Math.floor(value);
-  const rest = value - below;
-  return rest > 0.5 || (rest === 0.5 && below % 2 === 1) ? below + 1 : below;
 }

@@ -5,11 +5,13 @@ import * as ort from "onnxruntime-web/wasm";
 import type { Functions } from "../function/weights.js";
 import { measureFrame } from "../sampling/frame.js";
 import { frame, type Background, type Framed } from "./framing.js";
+import type { MattingFunction } from "./masks.js";
 import { readMetadata, type Metadata } from "./metadata.js";
 import type { Pixels } from "./pixels.js";
 
 export { frame, NoObjectFound, type Background, type Framed } from "./framing.js";
-export type { Mask } from "./masks.js";
+export { Matting } from "./matting.js";
+export type { Mask, Matte, MattingFunction } from "./masks.js";
 export type { Metadata } from "./metadata.js";
 export type { Box, Pixels } from "./pixels.js";
 
@@ -38,10 +40,10 @@ export class Encoder {
     return new Encoder(readMetadata(model), await ort.InferenceSession.create(model));
   }
 
-  /** Encode a photo. Throws NoObjectFound. */
-  async encode(photo: Pixels, background: Background = "auto"): Promise<Encoded> {
+  /** Encode a photo. `matting`: tells the object from any background. Throws NoObjectFound. */
+  async encode(photo: Pixels, background: Background = "auto", matting?: MattingFunction): Promise<Encoded> {
     const { spec, colorSpec, framing } = this.metadata;
-    const { tensor, ...image } = frame(photo, framing.size, framing.foreground_ratio, background);
+    const { tensor, ...image } = await frame(photo, framing.size, framing.foreground_ratio, background, matting);
     const input = new ort.Tensor("float32", tensor, [1, 3, framing.size, framing.size]);
     const outputs = await this.#session.run({ image: input });
     const rows = [numbersOf(outputs.theta)];

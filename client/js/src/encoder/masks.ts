@@ -1,26 +1,38 @@
-// The object's matte in a photo: from its transparency, or from a uniform border (service/encoding/masks.py).
+// The object's matte in a photo: from its transparency, from a uniform border, or from a matte network
+// (service/encoding/masks.py).
 
 import { blank, crop, isTransparent, type Box, type Pixels } from "./pixels.js";
 
-export type Mask = "alpha" | "border" | "none";
+export type Mask = "alpha" | "border" | "matting" | "none";
 
 /** A value from 0 for background to 255 for the object, of each pixel. */
 export type Matte = Uint8Array;
 
+/** Returns the matte of an opaque image before any background; `Matting` has such a function. */
+export type MattingFunction = (image: Pixels) => Promise<Matte>;
+
+/** A source, and the matte; no matte if no source applies. */
+interface Masked {
+  mask: Mask;
+  matte?: Matte;
+}
+
 export const FLOOR = 8; // of 255; fainter pixels are background
+export const MATTING_FLOOR = 128; // of 255; in a matte from a network, pixels above it are object
 const MIN_TRANSPARENT = 0.05; // of the pixels; less is rounded corners or stray pixels, and separates nothing
 const BORDER_TOLERANCE = 12; // of 255, largest channel difference to the border's median
 const BORDER_SOFTNESS = 16; // of 255; over this the matte rises from 0 to 1
 const BORDER_SHARE = 0.8; // of the border's pixels must be alike for a uniform border
 
 /** Return the source of the mask, and the matte; no matte if no source applies. */
-export function matteOf(image: Pixels): { mask: Mask; matte?: Matte } {
+export async function matteOf(image: Pixels, matting?: MattingFunction): Promise<Masked> {
   if (!isTransparent(image)) {
     const matte = borderMatte(image);
-    return matte ? { mask: "border", matte } : { mask: "none" };
+    if (matte) return { mask: "border", matte };
+    return matting ? { mask: "matting", matte: await matting(image) } : { mask: "none" };
   }
   const alpha = Uint8Array.from({ length: image.width * image.height }, (_, index) => image.data[4 * index + 3]);
-  return separates(alpha, image) ? { mask: "alpha", matte: alpha } : matteWithin(image, alpha);
+  return separates(alpha, image) ? { mask: "alpha", matte: alpha } : matteWithin(image, alpha, matting);
 }
 
 /** Whether an alpha tells an object from a background, not counting a thin frame. */
@@ -37,7 +49,7 @@ function separates(alpha: Matte, { width, height }: Pixels): boolean {
 }
 
 /** The matte of an image as if its few transparent pixels were more of its border. */
-function matteWithin(image: Pixels, alpha: Matte): { mask: Mask; matte?: Matte } {
+async function matteWithin(image: Pixels, alpha: Matte, matting?: MattingFunction): Promise<Masked> {
   const { width } = image;
   const highest = alpha.reduce((most, value) => Math.max(most, value), 0);
   const opacity = alpha.map((value) => Math.floor((value / highest) * 255));
@@ -53,7 +65,7 @@ function matteWithin(image: Pixels, alpha: Matte): { mask: Mask; matte?: Matte }
     }
     filled.data[4 * at + 3] = 255;
   }
-  const { mask, matte } = matteOf(filled);
+  const { mask, matte } = await matteOf(filled, matting);
   if (!matte) return { mask };
   const whole = new Uint8Array(alpha.length);
   matte.forEach((value, at) => {
@@ -82,7 +94,7 @@ function borderMatte(image: Pixels): Matte | undefined {
 }
 
 /** The box of the pixels above a floor; undefined if there are none. */
-function boxOf(matte: Matte, { width, height }: Pixels, floor: number): Box | undefined {
+export function boxOf(matte: Matte, { width, height }: { width: number; height: number }, floor: number): Box | undefined {
   const box: [number, number, number, number] = [width, height, 0, 0];
   matte.forEach((value, at) => {
     if (value <= floor) return;

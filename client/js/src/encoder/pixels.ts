@@ -16,6 +16,13 @@ export function blank(width: number, height: number): Pixels {
   return { width, height, data: new Uint8ClampedArray(4 * width * height) };
 }
 
+/** Round as Python does. */
+export function roundHalfToEven(value: number): number {
+  const below = Math.floor(value);
+  const rest = value - below;
+  return rest > 0.5 || (rest === 0.5 && below % 2 === 1) ? below + 1 : below;
+}
+
 /** Whether some pixel is transparent. */
 export function isTransparent({ data }: Pixels): boolean {
   for (let at = 3; at < data.length; at += 4) if (data[at] < 255) return true;
@@ -61,12 +68,20 @@ export function reduce(image: Pixels, factor: number): Pixels {
   return unpremultiply(result);
 }
 
-/** Resize a square to `size`: each pixel is the mean of those that it covers; where it grows, it is interpolated. */
-export function resize(image: Pixels, size: number): Pixels {
-  const isSmaller = image.width >= size;
-  const across = along(premultiplied(image), image.width, image.height, size, isSmaller); // transposed
-  const down = along(across, image.height, size, size, isSmaller);
-  return unpremultiply({ width: size, height: size, data: down });
+/**
+ * Resize an image. `averaged`: each pixel is the mean of those that it covers, which is the default where the width does
+ * not grow. `interpolated`: linearly; of a larger image, over as many pixels as there are for one.
+ */
+export function resize(
+  image: Pixels,
+  width: number,
+  height = width,
+  by: "averaged" | "interpolated" = image.width >= width ? "averaged" : "interpolated",
+): Pixels {
+  const isAveraged = by === "averaged";
+  const across = along(premultiplied(image), image.width, image.height, width, isAveraged); // transposed
+  const down = along(across, image.height, width, height, isAveraged);
+  return unpremultiply({ width, height, data: down });
 }
 
 /** Resize rows of `width` pixels to `size`, and exchange rows and columns. */
@@ -75,11 +90,11 @@ function along(
   width: number,
   height: number,
   size: number,
-  isSmaller: boolean,
+  isAveraged: boolean,
 ): Uint8ClampedArray {
   const result = new Uint8ClampedArray(4 * size * height);
   for (let x = 0; x < size; x++) {
-    const [first, weights] = weightsOf(x, width, size, isSmaller);
+    const [first, weights] = weightsOf(x, width, size, isAveraged);
     for (let y = 0; y < height; y++) {
       for (let channel = 0; channel < 4; channel++) {
         let sum = ONE / 2;
@@ -96,16 +111,16 @@ function along(
  * The first source pixel of a pixel, and the weights from there on, in parts of ONE: of a box, or of a triangle. Borders
  * of pixels often meet exactly, so each number is rounded as in Pillow's precompute_coeffs.
  */
-function weightsOf(x: number, width: number, size: number, isSmaller: boolean): [number, number[]] {
+function weightsOf(x: number, width: number, size: number, isAveraged: boolean): [number, number[]] {
   const center = (x + 0.5) * (width / size);
   const scale = Math.max(1, width / size);
-  const support = (isSmaller ? 0.5 : 1) * scale;
+  const support = (isAveraged ? 0.5 : 1) * scale;
   const toUnit = 1 / scale;
   const first = Math.max(0, Math.floor(center - support + 0.5));
   const end = Math.min(width, Math.floor(center + support + 0.5));
   const weights = Array.from({ length: end - first }, (_, index) => {
     const distance = (index + first - center + 0.5) * toUnit;
-    if (isSmaller) return distance > -0.5 && distance <= 0.5 ? 1 : 0;
+    if (isAveraged) return distance > -0.5 && distance <= 0.5 ? 1 : 0;
     return Math.max(0, 1 - Math.abs(distance));
   });
   const sum = weights.reduce((total, weight) => total + weight, 0);

@@ -179,7 +179,7 @@ def test_encode_with_background_remove_and_no_method_answers_422(client: httpx.C
     refused = client.post("/encode?background=remove", content=photo)
     assert refused.status_code == 422
     assert [error["field"] for error in refused.json()["errors"]] == ["background"]
-    assert "U2NET_HOME" in refused.json()["detail"]
+    assert "HOF_MATTING_MODEL=none" in refused.json()["detail"]
     answer = client.post("/encode", content=photo)
     assert answer.status_code == 201
     assert answer.json()["image"] == {"mask": "none", "box": [0, 0, 64, 64], "width": 64, "height": 64}
