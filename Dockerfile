@@ -39,11 +39,12 @@ RUN pip wheel --no-cache-dir --no-deps --wheel-dir /wheels . \
     && /opt/hof/bin/python -P -c "import service.mapping._kernel, service.encoding._pixels" \
     && /opt/hof/bin/pip check
 
-# Nothing that runs needs these: pip, tests of packages, onnxruntime's tools that change models, and onnxruntime for C
-# programs, a second copy of 35 MB.
+# Nothing that runs needs these: pip, tests of packages, onnxruntime's tools that change models, onnxruntime for C
+# programs, a second copy of 35 MB, and the network that finds objects where there is no U2-Net.
 RUN /opt/hof/bin/pip uninstall --yes pip setuptools \
     && find /opt/hof/lib -type d -name tests -prune -exec rm -r {} + \
     && rm -r /opt/hof/lib/python3.11/site-packages/onnxruntime/{transformers,quantization,tools,datasets} \
+    && rm /opt/hof/lib/python3.11/site-packages/model/weights/hof-matte.onnx \
     && rm /opt/hof/lib/python3.11/site-packages/onnxruntime/capi/libonnxruntime.so.*
 
 # Debian's PgBouncer, which the tests use too; only compose.yaml builds this stage.

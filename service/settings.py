@@ -49,8 +49,7 @@ def available_cpus() -> int:
 
 def shipped_models() -> tuple[Path, ...]:
     """Return SHIPPED_MODEL and the other encoders of its folder, sorted by name."""
-    known = (SHIPPED_MODEL, SHIPPED_MATTING)
-    others = sorted(path for path in SHIPPED_MODEL.parent.glob("*.onnx") if path not in known)
+    others = sorted({*SHIPPED_MODEL.parent.glob("*.onnx")} - {SHIPPED_MODEL, SHIPPED_MATTING})
     return (SHIPPED_MODEL, *others)
 
 

@@ -121,10 +121,10 @@ class Matting:
         side = self._network.inputs[0].shape[-1]
         if isinstance(side, int) and self._has_shapes(side) and {INPUT, OUTPUT} == self._names():
             return side
-        found = ", ".join(f"{each.name} {each.shape}" for each in (*self._network.inputs, *self._network.outputs))
+        own = ", ".join(f"{each.name} {each.shape}" for each in (*self._network.inputs, *self._network.outputs))
         raise InvalidModel(
             f"it is neither U2-Net nor of `hof-model matte`: that has {INPUT} [batch, 3, side, side] and {OUTPUT} "
-            f"[batch, 1, side, side], it has {found}"
+            f"[batch, 1, side, side], it has {own}"
         )
 
 

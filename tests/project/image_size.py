@@ -15,6 +15,7 @@ MB: Final = 1e6
 BASE_MB: Final = 135.0  # python:3.11-slim-bookworm, unpacked: about 130, which nothing here can weigh
 MATTING_MB: Final = 4.6  # u2netp.onnx
 REMOVED: Final = re.compile(r"^libonnxruntime\.so\.")
+LEFT_OUT: Final = "hof-matte.onnx"  # of the models: U2-Net is there
 COMPILED: Final = 1.6  # of Python files: pip adds bytecode
 REMOVED_FOLDERS: Final = {"tests", "transformers", "quantization", "tools", "datasets"}  # the last ones of onnxruntime
 
@@ -46,7 +47,7 @@ def _package_mb(name: str) -> float:
 
 def _bytes(path: Path) -> float:
     """Return the bytes of a file of the image; 0 for others."""
-    if not path.is_file() or "__pycache__" in path.parts or "node_modules" in path.parts:
+    if not path.is_file() or path.name == LEFT_OUT or "__pycache__" in path.parts or "node_modules" in path.parts:
         return 0
     return path.stat().st_size * (COMPILED if path.suffix == ".py" else 1)
 

@@ -15,7 +15,7 @@ from service import __version__
 from service.encoding.decode import WORKING_BYTES
 from service.encoding.encoder import Encoder
 from service.settings import MIB, Settings
-from tests.project.image_size import image_mb
+from tests.project.image_size import LEFT_OUT, image_mb
 
 ROOT = Path(__file__).parents[2]
 DEPLOY = ROOT / "deploy"
@@ -212,4 +212,5 @@ def test_library_that_the_image_lacks_is_not_loaded(model_path: Path) -> None:
 def test_image_is_smaller_than_400_mb() -> None:
     parts = image_mb()
     assert parts["onnxruntime"] > 10  # the packages are weighed
+    assert re.search(rf"rm \S+/{LEFT_OUT} ", DOCKERFILE)
     assert sum(parts.values()) < 400
