@@ -242,14 +242,9 @@ COMPARED_RUN: Final = TrainConfig(  # common to the networks of `hof-model paper
 
 @dataclass(frozen=True)
 class ComparedMethod:
-    """A method of the comparison (paper, Table 1).
-
-    name : in tables.
-    file : name of its record.
-    """
+    """A method of the comparison (paper, Table 1), by its name in tables."""
 
     name: str
-    file: str
     method: Method
     spec: MappingSpec
 
@@ -258,19 +253,19 @@ class ComparedMethod:
         return replace(common, method=self.method, spec=self.spec)
 
 
-def _decoder(name: str, file: str, method: Method) -> ComparedMethod:
-    return ComparedMethod(name, file, method, replace(HOF_1, domain=METHOD_DOMAINS.get(method, "ball")))
+def _decoder(name: str, method: Method) -> ComparedMethod:
+    return ComparedMethod(name, method, replace(HOF_1, domain=METHOD_DOMAINS.get(method, "ball")))
 
 
 COMPARED_METHODS: Final = (
-    ComparedMethod("HOF-1", "hof1-k1", "hof", HOF_1),
-    ComparedMethod("HOF-1, k = 2", "hof1-k2", "hof", HOF_1.with_k(2)),
-    ComparedMethod("HOF-3", "hof3-k1", "hof", HOF_3),
-    _decoder("DeepSDF", "deepsdf", "deepsdf"),
-    _decoder("FoldingNet", "foldingnet", "foldingnet"),
-    _decoder("direct decoder", "direct", "direct"),
-    _decoder("AtlasNet, sphere", "atlasnet-sphere", "atlasnet_sphere"),
-    _decoder("AtlasNet, 25 patches", "atlasnet-25", "atlasnet_25"),
+    ComparedMethod("HOF-1", "hof", HOF_1),
+    ComparedMethod("HOF-1, k = 2", "hof", HOF_1.with_k(2)),
+    ComparedMethod("HOF-3", "hof", HOF_3),
+    _decoder("DeepSDF", "deepsdf"),
+    _decoder("FoldingNet", "foldingnet"),
+    _decoder("direct decoder", "direct"),
+    _decoder("AtlasNet, sphere", "atlasnet_sphere"),
+    _decoder("AtlasNet, 25 patches", "atlasnet_25"),
 )
 
 

@@ -131,6 +131,11 @@ def piece_files(folder: Path) -> list[Path]:
     return files
 
 
+def texture_files(folder: Path) -> list[Path]:
+    """Return the textures in a data set's folder, sorted; none before `hof-model data textures`."""
+    return sorted((folder / TEXTURES).glob("*.jpg"))
+
+
 def piece_entries(folder: Path) -> tuple[Entry, ...]:
     """Return the entries of the pieces that `hof-model data make --meshes` made; pieces made by rule have none."""
     pieces = folder / PIECES

@@ -11,8 +11,8 @@ import numpy.typing as npt
 import pyvista
 import trimesh
 
-from model.data.manifest import SURFACE_POINTS, VARIANTS, Manifest, variant_file
-from model.data.procedural.textures import redress, texture_files
+from model.data.manifest import SURFACE_POINTS, VARIANTS, Manifest, texture_files, variant_file
+from model.data.procedural.textures import redress
 from model.data.rendering.cameras import Doubles, free_cameras
 from model.data.rendering.render import shoot, stage, stretch
 from model.data.rendering.surface import sample_surface

@@ -16,8 +16,7 @@ from model.evaluation.evaluate import Case, cases, chosen_views, draw, framed, i
 from model.metrics import compare
 from model.provenance import provenance
 from service.encoding.encoder import Encoder
-from service.encoding.masks import Matte, MattingFunction
-from service.encoding.matting import FLOOR
+from service.encoding.masks import MATTING_FLOOR, Matte, MattingFunction
 from service.files import whole_file
 
 Bytes = npt.NDArray[np.uint8]
@@ -131,6 +130,6 @@ def picture_of(view: Bytes, zoom: float, rng: np.random.Generator) -> tuple[Byte
 
 
 def overlap_of(one: Matte, other: Matte) -> float:
-    """Return the intersection over union of two mattes (H, W) above FLOOR; that of two empty ones is 1."""
-    a, b = one > FLOOR, other > FLOOR
+    """Return the intersection over union of two mattes (H, W) above MATTING_FLOOR; that of two empty ones is 1."""
+    a, b = one > MATTING_FLOOR, other > MATTING_FLOOR
     return float(((a & b).sum() + 1) / ((a | b).sum() + 1))

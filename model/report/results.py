@@ -60,12 +60,22 @@ def report(
         in_color.write(root / COLOR / f"{encoder.name}.json")
     classes = [class_of(case.entry) for case in objects]
     targets = target_table(checks(all_evaluations(ours, others), ours.method, classes, shipped.bytes_, shipped.ms))
-    on_surfaces = surfaces.section(Trials.read(root / SURFACES))
-    sections = [runs.section(root), on_surfaces, mixtures.section(root)]
-    sections += [color.section(in_color) if in_color else "", estimates.sections(root), mattes.section(root)]
-    page = markdown(ours, others, shipped, classes, targets, [section for section in sections if section])
+    page = markdown(ours, others, shipped, classes, targets, _sections(root, in_color))
     (root / "RESULTS.md").write_text(page, encoding="utf-8")
     return targets
+
+
+def _sections(root: Path, in_color: Record | None) -> list[str]:
+    """Return the sections on other measurements, those that have a record."""
+    sections = [
+        runs.section(root),
+        surfaces.section(Trials.read(root / SURFACES)),
+        mixtures.section(root),
+        color.section(in_color) if in_color else "",
+        estimates.sections(root),
+        mattes.section(root),
+    ]
+    return [section for section in sections if section]
 
 
 def read_others(root: Path, ours: str, split: Split, objects: Sequence[Case]) -> list[Record]:

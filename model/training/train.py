@@ -46,8 +46,8 @@ def train(data: Path, run: Path, config: TrainConfig) -> Path:
     parts = batch_parts(state.network, state.config)
     keep_freed_memory()  # not before: what loading frees lies scattered, and steps in it take a fifth longer
     with (
-        _compute_threads(parts) as threads,
-        _compute_threads(1, threads_each=1) as loader,
+        compute_threads(parts) as threads,
+        compute_threads(1, threads_each=1) as loader,
         (run / "log.jsonl").open("a", encoding="utf-8") as log,
         tqdm(
             total=1_000, initial=round(1_000 * state.progress), unit=" thousandths", desc="train", disable=None
@@ -108,7 +108,7 @@ def _passes_mark(before: float, after: float) -> bool:
     return int(CHECKPOINTS * after) > int(CHECKPOINTS * before)
 
 
-def _compute_threads(count: int, threads_each: int | None = None) -> ThreadPoolExecutor:
+def compute_threads(count: int, threads_each: int | None = None) -> ThreadPoolExecutor:
     """Return a pool of `count` threads; each uses `threads_each` of torch's threads, by default its share of all."""
     each = threads_each or max(1, torch.get_num_threads() // count)
     return ThreadPoolExecutor(count, initializer=torch.set_num_threads, initargs=(each,))

@@ -3,7 +3,6 @@
 import copy
 import os
 import time
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,19 +16,19 @@ from model.config import MatteConfig
 from model.data.manifest import Manifest, Split, piece_files, variant_files
 from model.data.rendering.composites import Composites
 from model.data.sources.photographs import photograph_files, scenery_files, surface_files
+from model.networks.encoder import channels_last
 from model.networks.matte import MatteNetwork
 from model.training.average import update_average
 from model.training.log import LOG_EVERY, log_line
 from model.training.memory import keep_freed_memory
 from model.training.optimization import set_learning_rate
+from model.training.train import CHECKPOINT_EVERY_S, compute_threads
 from service.files import whole_file
 
-CHECKPOINT_EVERY_S: Final = 600.0
 OWN_VIEWS: Final = 8  # of each object, evenly spread over its ring
 VARIANTS: Final = 4  # of each object, its free cameras among them
 CHECKED: Final = 256  # pictures of validation objects
 OVERLAP_WEIGHT: Final = 0.5  # of the overlap's loss, beside the cross entropy
-CHANNELS_LAST: Final = torch.channels_last
 
 Batch = tuple[Tensor, Tensor]
 
@@ -52,7 +51,7 @@ def train_matte(data: Path, run: Path, config: MatteConfig) -> Path:
         return composites.draw(config.batch, config.size, np.random.default_rng([config.seed, step]))
 
     with (
-        ThreadPoolExecutor(1, initializer=torch.set_num_threads, initargs=(1,)) as loader,
+        compute_threads(1, threads_each=1) as loader,
         (run / "log.jsonl").open("a", encoding="utf-8") as log,
         tqdm(total=1_000, initial=round(1_000 * learner.progress), unit=" thousandths", disable=None) as bar,
     ):
@@ -128,12 +127,7 @@ def matte_loss(logits: Tensor, mattes: Tensor) -> Tensor:
 def overlap(network: nn.Module, checked: Batch) -> float:
     """Return the mean intersection over union of masks and mattes above one half; that of two empty ones is 1."""
     images, mattes = checked
-    masks = (
-        torch.cat(
-            [network(part.contiguous(memory_format=CHANNELS_LAST)) for part in images.chunk(max(1, len(images) // 32))]
-        )
-        > 0
-    )
+    masks = torch.cat([network(channels_last(part)) for part in images.chunk(max(1, len(images) // 32))]) > 0
     true = mattes > 0.5
     both, either = (masks & true).sum((1, 2, 3)), (masks | true).sum((1, 2, 3))
     return float(((both + 1) / (either + 1)).mean())
@@ -148,7 +142,7 @@ class _Learner:
         self.step, self.elapsed_s, self.loss = 0, 0.0, 0.0
         saved = torch.load(checkpoint, weights_only=True) if checkpoint.exists() else None
         network = MatteNetwork() if saved else MatteNetwork.pretrained()
-        self.network = network.to(memory_format=CHANNELS_LAST)  # type: ignore[call-overload]
+        self.network = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.average = copy.deepcopy(self.network).eval()
         pretrained = set(network.trunk.parameters())
         groups = [
@@ -162,7 +156,7 @@ class _Learner:
             self._optimizer.load_state_dict(saved["optimizer"])
             self.step, self.elapsed_s = saved["step"], saved["elapsed_s"]
         self._cores = os.cpu_count() or 1
-        self._pool = ThreadPoolExecutor(self._cores, initializer=torch.set_num_threads, initargs=(1,))
+        self._pool = compute_threads(self._cores, threads_each=1)
 
     @property
     def progress(self) -> float:
@@ -186,7 +180,7 @@ class _Learner:
         """Add the gradients of a part of the batch; return its share of the loss."""
         images, mattes = part
         share = len(images) / self._config.batch
-        loss = share * matte_loss(self.network(images.contiguous(memory_format=CHANNELS_LAST)), mattes)
+        loss = share * matte_loss(self.network(channels_last(images)), mattes)
         loss.backward()  # type: ignore[no-untyped-call]
         return float(loss.detach())
 

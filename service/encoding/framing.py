@@ -15,14 +15,13 @@ from PIL import Image
 
 from service.encoding import compiled
 from service.encoding.decode import DEFAULT_MAX_PIXELS, check_stop, decode_with_size
-from service.encoding.masks import ALPHA_FLOOR, Mask, Matte, MattingFunction, matte_of
+from service.encoding.masks import ALPHA_FLOOR, MATTING_FLOOR, Mask, Matte, MattingFunction, matte_of
 from service.encoding.pixels import THUMBNAIL_SIDE, WORK_SIDE, reduction, thumbnail_file
 from service.errors import InvalidParameter, NoObjectFound
 
 Background = Literal["auto", "keep", "remove"]
 Box = tuple[int, int, int, int]
 
-MATTING_FLOOR: Final = 128  # of 255; pixels above it are object in a matte from a network
 MIN_CONFIDENCE: Final = 0.7  # of a matte from a network; in 40 renders over photographs, wrong mattes had 0.42 to 0.61
 STRIP: Final = 255  # rows whose pixels a byte can count
 EXACT: Final = 64  # squares of bytes whose float32 sum is exact in any order, and a row that vectors add fast

@@ -14,6 +14,7 @@ Matte = npt.NDArray[np.uint8]  # (H, W), 0 for background to 255 for the object
 MattingFunction = Callable[[Image.Image], Matte]  # takes an RGB image; `service.encoding.matting` implements it
 
 ALPHA_FLOOR: Final = 8  # of 255; fainter pixels are background
+MATTING_FLOOR: Final = 128  # of 255; in a matte from a network, pixels above it are object
 MIN_TRANSPARENT: Final = 0.05  # of the pixels; less is rounded corners or stray pixels, and separates nothing
 BORDER_TOLERANCE: Final = 12  # of 255, largest channel difference to the border's median
 BORDER_SOFTNESS: Final = 16  # of 255, a power of 2; over this the matte rises from 0 to 1

@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from PIL import Image
 
+from service.encoding.masks import MATTING_FLOOR, Matte
 from service.encoding.network import Network
 from service.errors import InvalidModel
 from service.mapping.spec import Array
@@ -27,11 +27,9 @@ INPUT, OUTPUT = "image", "matte"  # names in the graph of a network of `hof-mode
 U2NET_SIDE: Final = 320  # pixels, of U2-Net's input and output
 MEAN: Final = np.array([0.485, 0.456, 0.406], np.float32)  # ImageNet's, RGB, which U2-Net subtracts
 DEVIATION: Final = np.array([0.229, 0.224, 0.225], np.float32)
-FLOOR: Final = 128  # of 255; pixels above it are object
 MARGIN: Final = 0.15  # around the object's box in the second look, of its longer side
 CACHED_MATTES: Final = 64  # of 0.1 MB at most; a repeated photo costs no inference
 
-Bytes = npt.NDArray[np.uint8]
 Box = tuple[int, int, int, int]
 
 
@@ -74,7 +72,7 @@ class Matting:
         except InvalidModel as error:
             raise InvalidModel(f"the matting model {path} is unusable: {error.detail}") from error
 
-    def __call__(self, image: Image.Image) -> Bytes:
+    def __call__(self, image: Image.Image) -> Matte:
         """Return the matte (H, W) of an RGB photo of any size: 0 for background to 255 for the object."""
         whole = self._look(image)
         box = None if self.is_u2net else _square_around(whole)
@@ -91,14 +89,14 @@ class Matting:
         """Free the memory of the network until the next call."""
         self._network.rest()
 
-    def _look(self, image: Image.Image) -> Bytes:
+    def _look(self, image: Image.Image) -> Matte:
         """Return the matte (H, W) of an RGB image that the network sees as a whole."""
         own = Image.Resampling.BOX if image.width >= self.side else Image.Resampling.BILINEAR
         resampling = Image.Resampling.LANCZOS if self.is_u2net else own
         matte = Image.fromarray(self._matte_of(image.resize((self.side, self.side), resampling).tobytes()))
         return np.asarray(matte.resize(image.size, Image.Resampling.BILINEAR))
 
-    def _run(self, pixels: bytes) -> Bytes:
+    def _run(self, pixels: bytes) -> Matte:
         """Compute the matte (side, side) of RGB bytes of that size; U2-Net's first output fuses the others."""
         rgb = np.frombuffer(pixels, np.uint8).reshape(self.side, self.side, 3).astype(np.float32)
         rgb /= np.float32(max(float(rgb.max()), 1.0) if self.is_u2net else 255)
@@ -128,19 +126,18 @@ class Matting:
         )
 
 
-def _square_around(matte: Bytes) -> Box | None:
+def _square_around(matte: Matte) -> Box | None:
     """Return a square around the object of a matte (H, W), moved into the image, or cut where it is larger.
 
     None if there is no object.
     """
-    rows, columns = np.flatnonzero((matte > FLOOR).any(axis=1)), np.flatnonzero((matte > FLOOR).any(axis=0))
-    if not len(rows):
+    box = Image.fromarray(matte > MATTING_FLOOR).getbbox()
+    if box is None:
         return None
-    spans = [(int(places[0]), int(places[-1]) + 1) for places in (columns, rows)]
-    side = round((1 + 2 * MARGIN) * max(high - low for low, high in spans))
-    (left, right), (top, bottom) = (
-        _moved_within(low, high, side, length) for (low, high), length in zip(spans, matte.shape[::-1], strict=True)
-    )
+    left, top, right, bottom = box
+    side = round((1 + 2 * MARGIN) * max(right - left, bottom - top))
+    height, width = matte.shape
+    (left, right), (top, bottom) = _moved_within(left, right, side, width), _moved_within(top, bottom, side, height)
     return left, top, right, bottom
 
 

@@ -12,10 +12,10 @@ from typing import Final
 import numpy as np
 import trimesh
 
-from model.data.manifest import PIECES, SURFACE_POINTS, Manifest
+from model.data.manifest import PIECES, SURFACE_POINTS, Manifest, texture_files
 from model.data.procedural import curved, furnishings, seating, sofas, things
 from model.data.procedural.primitives import MATERIALS, Rng, Solid, Triple, assemble
-from model.data.procedural.textures import draw_texture, random_placement, texture_files, wrap
+from model.data.procedural.textures import draw_texture, random_placement, wrap
 from model.data.rendering.cameras import free_cameras
 from model.data.rendering.render import shoot, stage
 from model.data.rendering.surface import Floats, sample_surface

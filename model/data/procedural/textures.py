@@ -9,7 +9,7 @@ import numpy as np
 import trimesh
 from PIL import Image, ImageStat
 
-from model.data.manifest import TEXTURES, Manifest
+from model.data.manifest import TEXTURES, Manifest, texture_files
 from model.data.procedural.primitives import Rng, Triple, paint
 from model.data.rendering.surface import material_color
 from model.data.small import store_small
@@ -44,11 +44,6 @@ def gather_textures(records: Iterable[MeshRecord], folder: Path) -> list[Path]:
         if not target.exists():
             _store_texture(path, target)
     return texture_files(folder)
-
-
-def texture_files(folder: Path) -> list[Path]:
-    """Return the files that `gather_textures` wrote, sorted."""
-    return sorted((folder / TEXTURES).glob("*.jpg"))
 
 
 def _store_texture(path: Path, target: Path) -> None:

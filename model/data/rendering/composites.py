@@ -119,8 +119,7 @@ class Composites:
         pixels[:, :3] *= pixels[:, 3:]
         squeeze = (uniform(rng, -1, 1, len(zoom)) * float(np.log(SQUEEZE)) / 2).exp()
         turn = torch.deg2rad(uniform(rng, -TURN_DEG, TURN_DEG, len(zoom)))
-        across = zoom * squeeze / squeeze.clamp(min=1)
-        along = zoom / squeeze / (1 / squeeze).clamp(min=1)
+        across, along = zoom * squeeze.clamp(max=1), zoom / squeeze.clamp(min=1)
         mirror = torch.from_numpy(np.where(rng.random(len(zoom)) < 0.5, -1.0, 1.0).astype(np.float32))
         cos, sin, zero = turn.cos(), turn.sin(), torch.zeros_like(turn)
         rotation = torch.stack([torch.stack([cos, sin], 1), torch.stack([-sin, cos], 1)], 1)

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from PIL import Image
 
-from model.data.manifest import TEXTURES
+from model.data.manifest import texture_files
 from model.data.small import store_small
 from model.data.sources.debian import download, unpack
 
@@ -69,7 +69,7 @@ def scenery_files(folder: Path) -> tuple[Path, ...]:
 
 def surface_files(folder: Path) -> tuple[Path, ...]:
     """Return those textures of a data set's objects that are alike all over, as floors and walls are."""
-    return tuple(path for path in sorted((folder / TEXTURES).glob("*.jpg")) if _is_even(path))
+    return tuple(path for path in texture_files(folder) if _is_even(path))
 
 
 def _is_even(path: Path) -> bool:

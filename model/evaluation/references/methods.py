@@ -1,5 +1,6 @@
 """References that need no training: lower bounds that a trained method must beat, and upper bounds."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -53,11 +54,7 @@ class Training:
 
         All objects are compared by COARSE_POINTS, the best SHORTLIST by all of theirs.
         """
-        coarse = true[:COARSE_POINTS]
-        sums = [summed_distance(points[:COARSE_POINTS], coarse) for points in self.points]
-        best = np.argsort(sums)[:SHORTLIST]
-        exact = [summed_distance(self.points[index], true) for index in best]
-        return self._object(int(best[int(np.argmin(exact))]))
+        return nearest_cloud(self.points, self._object, true, ((COARSE_POINTS, SHORTLIST),))
 
     def _object(self, index: int) -> Floats:
         points: Floats = self.points[index]
@@ -102,6 +99,25 @@ class Retrieval:
 
     def _match(self, photo: bytes) -> int:
         return self._bank.most_similar(self._features(framed(photo, FRAMING, self._matting).tensor)[0])
+
+
+def nearest_cloud(
+    coarse: Floats, whole: Callable[[int], Floats], true: Floats, rounds: Sequence[tuple[int, int]]
+) -> Floats:
+    """Return the cloud with the lowest summed cd_epcg to the true points (m, 3), by all points of those that are left.
+
+    Parameters
+    ----------
+    coarse : (k, p, 3), the first points of each cloud.
+    whole : returns all points of the cloud with an index.
+    rounds : of each, the points that are compared, and the clouds that are left after it.
+    """
+    left = np.arange(len(coarse))
+    for points, kept in rounds:
+        sums = [summed_distance(coarse[index, :points], true[:points]) for index in left]
+        left = left[np.argsort(sums)[:kept]]
+    clouds = [whole(int(index)) for index in left]
+    return clouds[int(np.argmin([summed_distance(cloud, true) for cloud in clouds]))]
 
 
 def summed_distance(a: Floats, b: Floats) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from model.data.manifest import PIECES, Manifest, piece_files, variant_file, variant_files
-from model.evaluation.references.methods import COARSE_POINTS, SHORTLIST, points_of, summed_distance
+from model.evaluation.references.methods import COARSE_POINTS, SHORTLIST, nearest_cloud, points_of
 
 Floats = npt.NDArray[np.float32]
 
@@ -44,9 +44,5 @@ class TrainingShapes:
 
         Fewer and fewer shapes are compared, by more and more of their points.
         """
-        places = np.arange(len(self.files))
-        for points, kept in ((FIRST_POINTS, FIRST_SHORTLIST), (COARSE_POINTS, SHORTLIST)):
-            sums = [summed_distance(self.coarse[place, :points], true[:points]) for place in places]
-            places = places[np.argsort(sums)[:kept]]
-        clouds = [points_of(self.files[place]) for place in places]
-        return clouds[int(np.argmin([summed_distance(cloud, true) for cloud in clouds]))]
+        rounds = ((FIRST_POINTS, FIRST_SHORTLIST), (COARSE_POINTS, SHORTLIST))
+        return nearest_cloud(self.coarse, lambda index: points_of(self.files[index]), true, rounds)

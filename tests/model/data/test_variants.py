@@ -12,8 +12,7 @@ from PIL import Image, ImageFilter
 from model import cli
 from model.data import variants
 from model.data.build import build
-from model.data.manifest import SIZE, Manifest, variant_file, variant_files
-from model.data.procedural.textures import texture_files
+from model.data.manifest import SIZE, Manifest, texture_files, variant_file, variant_files
 from model.data.rendering.render import FILL, shoot, stage
 from model.data.sources.meshes import MeshRecord, folder_records, load_parts
 from model.data.variants import (

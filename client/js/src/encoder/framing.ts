@@ -1,7 +1,7 @@
 // A photo -> the encoder's input, framed as the service does it (service/encoding/framing.py).
 
 import { FLOOR, MATTING_FLOOR, matteOf, type Mask, type Matte, type MattingFunction } from "./masks.js";
-import { crop, reduce, resize, roundHalfToEven, type Box, type Pixels } from "./pixels.js";
+import { crop, overWhite, reduce, resize, roundHalfToEven, type Box, type Pixels } from "./pixels.js";
 
 export type Background = "auto" | "keep" | "remove";
 
@@ -72,19 +72,6 @@ function withAlpha(image: Pixels, matte: Matte): Pixels {
   const data = image.data.slice();
   matte.forEach((value, at) => (data[4 * at + 3] = value));
   return { width: image.width, height: image.height, data };
-}
-
-/** Composite over white: (3, height, width) numbers in [0, 1]. */
-function overWhite({ width, height, data }: Pixels): Float32Array {
-  const count = width * height;
-  const tensor = new Float32Array(3 * count);
-  for (let at = 0; at < count; at++) {
-    const alpha = data[4 * at + 3] / 255;
-    for (let channel = 0; channel < 3; channel++) {
-      tensor[channel * count + at] = (data[4 * at + channel] / 255) * alpha + (1 - alpha);
-    }
-  }
-  return tensor;
 }
 
 function confidenceOf(matte: Matte): number {

@@ -8,12 +8,14 @@ import { frame, type Background, type Framed } from "./framing.js";
 import type { MattingFunction } from "./masks.js";
 import { readMetadata, type Metadata } from "./metadata.js";
 import type { Pixels } from "./pixels.js";
+import { openSession, type Runtime } from "./session.js";
 
 export { frame, NoObjectFound, type Background, type Framed } from "./framing.js";
 export { Matting } from "./matting.js";
 export type { Mask, Matte, MattingFunction } from "./masks.js";
 export type { Metadata } from "./metadata.js";
 export type { Box, Pixels } from "./pixels.js";
+export type { Runtime } from "./session.js";
 
 /** A photo's object, and how it was told from its background. */
 export interface Encoded {
@@ -33,11 +35,9 @@ export class Encoder {
     this.#session = session;
   }
 
-  /** Open an ONNX file of `hof-model export`. `wasm`: address of ort-wasm-simd-threaded.wasm, unless it is beside. */
-  static async open(model: Uint8Array, { wasm }: { wasm?: string } = {}): Promise<Encoder> {
-    ort.env.wasm.numThreads = 1; // more need a page that is isolated from other origins
-    if (wasm !== undefined) ort.env.wasm.wasmPaths = { wasm };
-    return new Encoder(readMetadata(model), await ort.InferenceSession.create(model));
+  /** Open an ONNX file of `hof-model export`. */
+  static async open(model: Uint8Array, runtime: Runtime = {}): Promise<Encoder> {
+    return new Encoder(readMetadata(model), await openSession(model, runtime));
   }
 
   /** Encode a photo. `matting`: tells the object from any background. Throws NoObjectFound. */

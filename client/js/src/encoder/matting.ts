@@ -4,7 +4,8 @@
 import * as ort from "onnxruntime-web/wasm";
 
 import { boxOf, MATTING_FLOOR, type Matte } from "./masks.js";
-import { blank, crop, resize, roundHalfToEven, type Box, type Pixels } from "./pixels.js";
+import { blank, crop, overWhite, resize, roundHalfToEven, type Box, type Pixels } from "./pixels.js";
+import { openSession, type Runtime } from "./session.js";
 
 const [INPUT, OUTPUT] = ["image", "matte"]; // names in the graph
 const MARGIN = 0.15; // around the object's box in the second look, of its longer side
@@ -20,11 +21,9 @@ export class Matting {
     this.#side = Number(side);
   }
 
-  /** Open an ONNX file of `hof-model matte`. `wasm`: address of ort-wasm-simd-threaded.wasm, unless it is beside. */
-  static async open(model: Uint8Array, { wasm }: { wasm?: string } = {}): Promise<Matting> {
-    ort.env.wasm.numThreads = 1; // more need a page that is isolated from other origins
-    if (wasm !== undefined) ort.env.wasm.wasmPaths = { wasm };
-    return new Matting(await ort.InferenceSession.create(model));
+  /** Open an ONNX file of `hof-model matte`. */
+  static async open(model: Uint8Array, runtime: Runtime = {}): Promise<Matting> {
+    return new Matting(await openSession(model, runtime));
   }
 
   /** The matte of an opaque photo. */
@@ -47,12 +46,7 @@ export class Matting {
   /** The matte of an image that the network sees as a whole. */
   async #look(image: Pixels): Promise<Matte> {
     const side = this.#side;
-    const { data } = resize(image, side);
-    const tensor = new Float32Array(3 * side * side);
-    tensor.forEach((_, at) => {
-      const [channel, pixel] = [Math.floor(at / (side * side)), at % (side * side)];
-      tensor[at] = data[4 * pixel + channel] / 255;
-    });
+    const tensor = overWhite(resize(image, side));
     const outputs = await this.#session.run({ [INPUT]: new ort.Tensor("float32", tensor, [1, 3, side, side]) });
     const shown = blank(side, side);
     (outputs[OUTPUT].data as Float32Array).forEach((share, at) => shown.data.set([255 * share, 0, 0, 255], 4 * at));

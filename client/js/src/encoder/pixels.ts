@@ -29,6 +29,19 @@ export function isTransparent({ data }: Pixels): boolean {
   return false;
 }
 
+/** Composite over white: (3, height, width) numbers in [0, 1]. */
+export function overWhite({ width, height, data }: Pixels): Float32Array {
+  const count = width * height;
+  const tensor = new Float32Array(3 * count);
+  for (let at = 0; at < count; at++) {
+    const alpha = data[4 * at + 3] / 255;
+    for (let channel = 0; channel < 3; channel++) {
+      tensor[channel * count + at] = (data[4 * at + channel] / 255) * alpha + (1 - alpha);
+    }
+  }
+  return tensor;
+}
+
 /** Cut out a box; pixels outside the image are transparent. */
 export function crop(image: Pixels, [left, top, right, bottom]: Box): Pixels {
   const result = blank(right - left, bottom - top);

@@ -9,10 +9,10 @@ import trimesh
 from PIL import Image
 
 from model import cli
-from model.data.manifest import Entry, Manifest, Split
+from model.data.manifest import Entry, Manifest, Split, texture_files
 from model.data.procedural import textures
 from model.data.procedural.pieces import piece
-from model.data.procedural.textures import SIDES, draw_texture, texture_files, wrap
+from model.data.procedural.textures import SIDES, draw_texture, wrap
 from model.data.rendering.render import shoot, stage
 from model.data.rendering.surface import material_color, material_image
 
