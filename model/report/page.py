@@ -140,6 +140,7 @@ def _conditions(evaluations: Sequence[Evaluation], methods: Sequence[str]) -> st
 
 The same objects from other cameras (elevation 0 to 45 degrees, any azimuth, other focal lengths; views
 {", ".join(map(str, FREE_VIEWS))} of 12), on flat colors, on photographs held out from training, and in gray.
+Photographs are cut out by `hof-matte`; "Mattes" has the other ways.
 
 {tables.by_condition(evaluations, methods)}"""
 
