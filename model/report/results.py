@@ -52,8 +52,7 @@ def report(
     ours.write(folder / f"{encoder.name}.json")
     for other in (Encoder.open(path, threads=1) for path in beside):
         encoder_record(other, data, split, seed).write(folder / f"{other.name}.json")
-    first_objects(encoder, objects).quantize().save(folder / f"{encoder.name}.png", optimize=True)
-    everyday_objects(encoder, objects).quantize().save(folder / f"{encoder.name}-everyday.png", optimize=True)
+    _draw(encoder, objects, folder)
     others = read_others(root, encoder.name, split, objects)
     in_color = color_record(encoder, data, split, seed) if encoder.color_spec else None
     if in_color:
@@ -63,6 +62,12 @@ def report(
     page = markdown(ours, others, shipped, classes, targets, _sections(root, in_color))
     (root / "RESULTS.md").write_text(page, encoding="utf-8")
     return targets
+
+
+def _draw(encoder: Encoder, objects: Sequence[Case], folder: Path) -> None:
+    """Write the pictures of an encoder's objects."""
+    for suffix, sheet in (("", first_objects), ("-everyday", everyday_objects)):
+        sheet(encoder, objects).quantize().save(folder / f"{encoder.name}{suffix}.png", optimize=True)
 
 
 def _sections(root: Path, in_color: Record | None) -> list[str]:

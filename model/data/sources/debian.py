@@ -1,8 +1,11 @@
 """Download and unpack Debian packages below a folder, without installing them."""
 
-import shutil
-import subprocess
 from pathlib import Path
+from typing import Final
+
+from model.data.sources.commands import run_command, whole_folder
+
+ADVICE: Final = "install it, or download the files elsewhere and pass their path"
 
 
 def download(package: str, work: Path) -> Path:
@@ -16,10 +19,10 @@ def download(package: str, work: Path) -> Path:
     if archives := sorted(work.glob(f"{package}_*.deb")):
         return archives[0]
     try:
-        _run(["apt-get", "download", package], work)
+        run_command(["apt-get", "download", package], work, ADVICE)
     except FileNotFoundError:  # a fresh machine has no package lists yet; updating them needs root
-        _run(["apt-get", "update"], work)
-        _run(["apt-get", "download", package], work)
+        run_command(["apt-get", "update"], work, ADVICE)
+        run_command(["apt-get", "download", package], work, ADVICE)
     return sorted(work.glob(f"{package}_*.deb"))[0]
 
 
@@ -32,18 +35,5 @@ def unpack(deb: Path, target: Path) -> None:
     """
     if target.is_dir():
         return
-    part = target.with_name(target.name + ".part")
-    shutil.rmtree(part, ignore_errors=True)  # left by an interrupted run
-    part.mkdir(parents=True)
-    _run(["dpkg-deb", "-x", str(deb.resolve()), str(part.resolve())], part)
-    part.rename(target)
-
-
-def _run(command: list[str], folder: Path) -> None:
-    if shutil.which(command[0]) is None:
-        raise FileNotFoundError(
-            f"{command[0]} is missing: install it, or download the files elsewhere and pass their path"
-        )
-    result = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)  # noqa: S603
-    if result.returncode:
-        raise FileNotFoundError(f"`{' '.join(command)}` failed: {result.stderr.strip()}")
+    with whole_folder(target) as part:
+        run_command(["dpkg-deb", "-x", str(deb.resolve()), str(part.resolve())], part, ADVICE)

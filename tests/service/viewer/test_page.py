@@ -283,6 +283,7 @@ def test_object_that_is_named_keeps_its_name_and_shows_its_photo(page: Page, add
     page.get_by_role("button", name="Bed", exact=True).click()
     expect(page.locator("#framing figcaption")).to_contain_text("Background")
     expect(page.get_by_label("Name", exact=True)).to_have_value("")
+    expect(page.locator("#gallery li.shown .open")).to_contain_text("Photo")
     expect(shown.locator(".photo")).to_be_hidden()
     newest = httpx.get(f"{address}/objects?limit=1").json()["items"][0]
     assert "photo" not in newest["links"]

