@@ -22,7 +22,8 @@ from model.evaluation.references.methods import Retrieval, Training
 from model.provenance import provenance
 from service.encoding.decode import decode
 from service.encoding.encoder import Encoder
-from service.encoding.framing import frame, over_white
+from service.encoding.framing import frame
+from service.encoding.pixels import over_white
 from service.mapping.color import ColorSampler
 
 Floats = npt.NDArray[np.float32]

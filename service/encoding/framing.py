@@ -2,6 +2,9 @@
 
 decode (limits, EXIF, every color mode) -> mask (alpha, else a uniform border, else matting if a model is loaded)
 -> square crop around the object -> resize -> composite over white -> (1, 3, size, size) float32 in [0, 1].
+
+A mask from a network can be wrong. So the square then stays within the photo where it can, and a trace of what the
+mask removes stays: the encoder loses less to wrong masks, and nothing to right ones (RESULTS.md, photographs).
 """
 
 import threading
@@ -15,8 +18,8 @@ from PIL import Image
 
 from service.encoding import compiled
 from service.encoding.decode import DEFAULT_MAX_PIXELS, check_stop, decode_with_size
-from service.encoding.masks import ALPHA_FLOOR, MATTING_FLOOR, Mask, Matte, MattingFunction, matte_of
-from service.encoding.pixels import THUMBNAIL_SIDE, WORK_SIDE, reduction, thumbnail_file
+from service.encoding.masks import ALPHA_FLOOR, MATTING_FLOOR, TRACE, Mask, Matte, MattingFunction, matte_of
+from service.encoding.pixels import THUMBNAIL_SIDE, WORK_SIDE, over_white, reduction, thumbnail_file
 from service.errors import InvalidParameter, NoObjectFound
 
 Background = Literal["auto", "keep", "remove"]
@@ -123,7 +126,7 @@ def frame(
     if matte is None:
         if background == "remove":
             raise InvalidParameter(NO_MASK, field="background")
-        rgba, *small = _squares(work, None, (0, 0, *work.size), 1.0, sizes)
+        rgba, *small = _squares(work, None, _square((0, 0, *work.size), 1.0), sizes)
         return Crop(rgba, mask, (0, 0, *image.size), None, *small)
     matte = np.ascontiguousarray(matte)
     sums = _sums_of(matte, MATTING_FLOOR if mask == "matting" else ALPHA_FLOOR)
@@ -131,7 +134,10 @@ def frame(
     confidence = sums.squares / sums.total / 255
     if mask == "matting" and confidence < MIN_CONFIDENCE:
         raise NoObjectFound("no object found in the image: nothing in it stands out clearly enough", field="image")
-    rgba, *small = _squares(work, matte, box, framing.foreground_ratio, sizes)
+    square = _square(box, framing.foreground_ratio)
+    if mask == "matting":
+        matte, square = _with_trace(matte, work), _within(square, work.size)
+    rgba, *small = _squares(work, matte, square, sizes)
     width, height = image.size
     left, top, right, bottom = (factor * edge for edge in box)
     box = (left, top, min(right, width), min(bottom, height))
@@ -160,27 +166,6 @@ def preprocess(
     box = (round(left * x), round(top * y), round(right * x), round(bottom * y))
     small = thumbnail_file(crop.thumbnail) if crop.thumbnail else None
     return Framed(over_white(crop.rgba), crop.mask, box, crop.confidence, width, height, small)
-
-
-def over_white(rgba: Image.Image) -> npt.NDArray[np.float32]:
-    """Composite an RGBA image of (size, size) over white: (1, 3, size, size) float32 in [0, 1]."""
-    functions = compiled.load()
-    if functions is None:
-        return _numpy_over_white(rgba)
-    rgb = np.empty((1, 3, *rgba.size), np.float32)
-    functions.over_white(np.asarray(rgba), rgb[0])
-    return rgb
-
-
-def _numpy_over_white(rgba: Image.Image) -> npt.NDArray[np.float32]:
-    """Compute what `over_white` returns, without the compiled functions."""
-    planes = b"".join(rgba.tobytes("raw", band) for band in "RGBA")
-    pixels = np.frombuffer(planes, np.uint8).reshape(4, *rgba.size)
-    levels: npt.NDArray[np.float32] = np.divide(pixels, np.float32(255), dtype=np.float32)
-    rgb, alpha = levels[None, :3], levels[3]
-    rgb *= alpha
-    rgb += 1 - alpha
-    return rgb  # (1, 3, size, size)
 
 
 def _sums_of(matte: Matte, floor: int) -> _Sums:
@@ -227,21 +212,19 @@ def _span(counts: npt.NDArray[np.int32]) -> tuple[int, int]:
     return int(np.searchsorted(total, slack, side="right")), int(np.searchsorted(total, total[-1] - slack)) + 1
 
 
-def _squares(
-    image: Image.Image, matte: Matte | None, box: Box, foreground_ratio: float, sizes: Sequence[int]
-) -> list[Image.Image]:
-    """Cut out the square around a box, RGBA, and resize it to (size, size) for each size.
+def _squares(image: Image.Image, matte: Matte | None, square: Box, sizes: Sequence[int]) -> list[Image.Image]:
+    """Cut out a square, RGBA, and resize it to (size, size) for each size.
 
     Parameters
     ----------
     matte : of the image; None to keep its transparency.
     """
-    pixels, (left, top, right, _) = compiled.load(), _square(box, foreground_ratio)
+    pixels, (left, top, right, _) = compiled.load(), square
     side = right - left
     is_alike = side // (2 * WORK_SIDE) <= 1 and all(size < side <= compiled.MOST_SUMMED * size for size in sizes)
     picture = compiled.picture_of(image) if pixels and matte is not None and is_alike else None
     if pixels is None or matte is None or picture is None:
-        part = _square_around(image, None if matte is None else Image.fromarray(matte), box, foreground_ratio)
+        part = _cut_out(image, None if matte is None else Image.fromarray(matte), square)
         return [_fit(part, size) for size in sizes]
     results = {size: np.empty((size, size, 4), np.uint8) for size in sizes}
     for rgba in results.values():
@@ -249,8 +232,8 @@ def _squares(
     return [Image.fromarray(results[size]) for size in sizes]
 
 
-def _square_around(image: Image.Image, alpha: Image.Image | None, box: Box, foreground_ratio: float) -> Image.Image:
-    """Cut out the square around a box, RGBA, in full size or somewhat reduced.
+def _cut_out(image: Image.Image, alpha: Image.Image | None, square: Box) -> Image.Image:
+    """Cut out a square, RGBA, in full size or somewhat reduced.
 
     Parameters
     ----------
@@ -258,16 +241,16 @@ def _square_around(image: Image.Image, alpha: Image.Image | None, box: Box, fore
     """
     if alpha is None:
         image = image.convert("RGBA")
-    square = _square(box, foreground_ratio)
-    shrink = (square[2] - square[0]) // (2 * WORK_SIDE)
+    left, top, right, _ = square
+    shrink = (right - left) // (2 * WORK_SIDE)
     if shrink > 1:  # a small ratio makes a square far larger than the image
         if alpha is not None:  # reduced together: transparent pixels do not count
             image = image.copy()
             image.putalpha(alpha)
             alpha = None
         image = image.reduce(shrink)
-        left, top, right, bottom = (edge // shrink for edge in box)
-        square = _square((left, top, right, bottom), foreground_ratio)
+        x, y, side = left // shrink, top // shrink, (right - left) // shrink
+        square = x, y, x + side, y + side
     part = image.crop(square)
     if alpha is not None:
         part.putalpha(alpha.crop(square))
@@ -286,3 +269,24 @@ def _square(box: Box, foreground_ratio: float) -> Box:
     side = max(1, round(max(right - left, bottom - top) / foreground_ratio))
     x, y = (left + right - side) // 2, (top + bottom - side) // 2  # rounds in the same way at every position
     return x, y, x + side, y + side
+
+
+def _within(square: Box, size: tuple[int, int]) -> Box:
+    """Return a square around the same center, no larger than a picture's longer side, moved into the picture.
+
+    So it shows what the picture has and no margin, where it can.
+    """
+    left, top, right, _ = square
+    side = min(right - left, max(size))
+    middle = (right - left - side) // 2
+    x, y = (
+        min(max(0, low + middle), length - side) if side <= length else low + middle
+        for low, length in zip((left, top), size, strict=True)
+    )
+    return x, y, x + side, y + side
+
+
+def _with_trace(matte: Matte, image: Image.Image) -> Matte:
+    """Return a matte (H, W) that leaves a trace of what it removes from an RGB or RGBA image."""
+    faint = np.maximum(matte, np.uint8(TRACE))
+    return np.minimum(faint, np.asarray(image.getchannel("A"))) if image.mode == "RGBA" else faint

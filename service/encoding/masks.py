@@ -15,6 +15,7 @@ MattingFunction = Callable[[Image.Image], Matte]  # takes an RGB image; `service
 
 ALPHA_FLOOR: Final = 8  # of 255; fainter pixels are background
 MATTING_FLOOR: Final = 128  # of 255; in a matte from a network, pixels above it are object
+TRACE: Final = 20  # of 255; that much of a pixel stays where a network removes it, as it may have been the object
 MIN_TRANSPARENT: Final = 0.05  # of the pixels; less is rounded corners or stray pixels, and separates nothing
 BORDER_TOLERANCE: Final = 12  # of 255, largest channel difference to the border's median
 BORDER_SOFTNESS: Final = 16  # of 255, a power of 2; over this the matte rises from 0 to 1

@@ -1,14 +1,16 @@
 """Decoded pixels of any mode -> an upright RGB or RGBA image in sRGB, with as few full-size copies as can be.
 
-And a small picture of a photo's object, to be kept with the object and shown beside it.
+And what becomes of a photo's square: the encoder's input, and a small picture to be kept with the object.
 """
 
 import io
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 from PIL import Image, ImageChops
 
+from service.encoding import compiled
 from service.encoding.color_profile import changes_colors, to_srgb
 from service.encoding.containers.container import ColorKey
 
@@ -114,3 +116,24 @@ def thumbnail_file(rgba: Image.Image) -> bytes | None:
         if file.tell() <= MAX_THUMBNAIL_BYTES:
             return file.getvalue()
     return None
+
+
+def over_white(rgba: Image.Image) -> npt.NDArray[np.float32]:
+    """Composite an RGBA image of (size, size) over white: (1, 3, size, size) float32 in [0, 1]."""
+    functions = compiled.load()
+    if functions is None:
+        return _numpy_over_white(rgba)
+    rgb = np.empty((1, 3, *rgba.size), np.float32)
+    functions.over_white(np.asarray(rgba), rgb[0])
+    return rgb
+
+
+def _numpy_over_white(rgba: Image.Image) -> npt.NDArray[np.float32]:
+    """Compute what `over_white` returns, without the compiled functions."""
+    planes = b"".join(rgba.tobytes("raw", band) for band in "RGBA")
+    pixels = np.frombuffer(planes, np.uint8).reshape(4, *rgba.size)
+    levels: npt.NDArray[np.float32] = np.divide(pixels, np.float32(255), dtype=np.float32)
+    rgb, alpha = levels[None, :3], levels[3]
+    rgb *= alpha
+    rgb += 1 - alpha
+    return rgb  # (1, 3, size, size)

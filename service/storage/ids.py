@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from typing import Final
 
-from service.encoding.masks import Mask
+from service.encoding.masks import TRACE, Mask
 from service.mapping.spec import Array, Functions, MappingSpec
 
 ID_DIGITS: Final = 32  # hexadecimal: 128 bits
@@ -20,15 +20,13 @@ def is_id(text: str) -> bool:
 
 def encoded_id(image: bytes, mask: Mask, foreground_ratio: float, *model_digests: str) -> str:
     """Return the id of an encoded object: digest of image bytes, framing, and all model files involved."""
-    return _digest(
-        "encoded",
-        {
-            "image": hashlib.sha256(image).hexdigest(),
-            "mask": mask,
-            "foreground_ratio": foreground_ratio,
-            "model": " ".join(model_digests),
-        },
-    )
+    parts: dict[str, str | float] = {
+        "image": hashlib.sha256(image).hexdigest(),
+        "mask": mask,
+        "foreground_ratio": foreground_ratio,
+        "model": " ".join(model_digests),
+    }
+    return _digest("encoded", parts | ({"trace": TRACE} if mask == "matting" else {}))
 
 
 def views_id(ids: Sequence[str]) -> str:

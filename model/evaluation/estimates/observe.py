@@ -30,7 +30,8 @@ from model.metrics import compare
 from model.networks.inner import InnerEncoder
 from model.networks.observations import TURNS_DEG, Observations
 from service.encoding.encoder import Encoder
-from service.encoding.framing import frame, over_white
+from service.encoding.framing import frame
+from service.encoding.pixels import over_white
 
 Floats = npt.NDArray[np.float32]
 Bytes = npt.NDArray[np.uint8]

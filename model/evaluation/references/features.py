@@ -21,8 +21,9 @@ from tqdm import tqdm
 from model.data.manifest import Entry
 from model.export import to_onnx
 from model.networks.lite0 import MEAN, SPREAD
-from service.encoding.framing import Framing, frame, over_white
+from service.encoding.framing import Framing, frame
 from service.encoding.network import open_session
+from service.encoding.pixels import over_white
 from service.files import whole_file
 
 Floats = npt.NDArray[np.float32]

@@ -11,8 +11,9 @@ import skimage.data
 from PIL import Image, ImageDraw
 
 from service.encoding.decode import decode
-from service.encoding.framing import Framing, frame, over_white
+from service.encoding.framing import Framing, frame
 from service.encoding.matting import Matting
+from service.encoding.pixels import over_white
 from service.settings import SHIPPED_MATTING
 from tests.client.js.conftest import Run
 from tests.support import ROOT

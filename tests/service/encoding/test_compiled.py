@@ -8,8 +8,9 @@ from PIL import Image
 
 from service.encoding import compiled
 from service.encoding.compiled import Pixels
-from service.encoding.framing import Framing, over_white, preprocess
+from service.encoding.framing import Framing, preprocess
 from service.encoding.masks import matte_of
+from service.encoding.pixels import over_white
 from tests.support.photos import disc, image_file
 from tests.support.systems.modules import replace_module
 

@@ -1,6 +1,6 @@
 // A photo -> the encoder's input, framed as the service does it (service/encoding/framing.py).
 
-import { FLOOR, MATTING_FLOOR, matteOf, type Mask, type Matte, type MattingFunction } from "./masks.js";
+import { FLOOR, MATTING_FLOOR, TRACE, matteOf, type Mask, type Matte, type MattingFunction } from "./masks.js";
 import { crop, overWhite, reduce, resize, roundHalfToEven, type Box, type Pixels } from "./pixels.js";
 
 export type Background = "auto" | "keep" | "remove";
@@ -47,7 +47,7 @@ export async function frame(
     if (background === "remove") {
       throw new NoObjectFound("the background cannot be removed: the image has neither transparency nor a uniform border");
     }
-    const tensor = overWhite(cropped(work, [0, 0, work.width, work.height], 1, size));
+    const tensor = overWhite(resize(crop(work, squareAround([0, 0, work.width, work.height], 1)), size));
     return { tensor, mask, box: [0, 0, width, height], width, height };
   }
   const box = foregroundBox(matte, work, mask === "matting" ? MATTING_FLOOR : FLOOR);
@@ -55,17 +55,35 @@ export async function frame(
   if (mask === "matting" && confidence < MIN_CONFIDENCE) {
     throw new NoObjectFound("no object found in the image: nothing in it stands out clearly enough");
   }
-  const tensor = overWhite(cropped(withAlpha(work, matte), box, ratio, size));
+  const around = squareAround(box, ratio);
+  const [alpha, square] = mask === "matting" ? [withTrace(matte, work), within(around, work)] : [matte, around];
+  const tensor = overWhite(resize(crop(withAlpha(work, alpha), square), size));
   const [left, top, right, bottom] = box.map((edge) => factor * edge);
   const inPhoto: Box = [left, top, Math.min(right, width), Math.min(bottom, height)];
   return { tensor, mask, box: inPhoto, confidence, width, height };
 }
 
-function cropped(image: Pixels, box: Box, ratio: number, size: number): Pixels {
-  const [left, top, right, bottom] = box;
+function squareAround([left, top, right, bottom]: Box, ratio: number): Box {
   const side = Math.max(1, roundHalfToEven(Math.max(right - left, bottom - top) / ratio));
   const [x, y] = [Math.floor((left + right - side) / 2), Math.floor((top + bottom - side) / 2)];
-  return resize(crop(image, [x, y, x + side, y + side]), size);
+  return [x, y, x + side, y + side];
+}
+
+/** A square around the same center, no larger than a picture's longer side, moved into the picture. */
+function within([left, top, right]: Box, { width, height }: Pixels): Box {
+  const side = Math.min(right - left, Math.max(width, height));
+  const middle = Math.floor((right - left - side) / 2);
+  const [x, y] = [moved(left + middle, side, width), moved(top + middle, side, height)];
+  return [x, y, x + side, y + side];
+}
+
+function moved(low: number, side: number, length: number): number {
+  return side <= length ? Math.min(Math.max(0, low), length - side) : low;
+}
+
+/** A matte that leaves a trace of what it removes: it may have been the object. */
+function withTrace(matte: Matte, { data }: Pixels): Matte {
+  return matte.map((value, at) => Math.min(Math.max(value, TRACE), data[4 * at + 3]));
 }
 
 function withAlpha(image: Pixels, matte: Matte): Pixels {

@@ -19,6 +19,7 @@ interface Masked {
 
 export const FLOOR = 8; // of 255; fainter pixels are background
 export const MATTING_FLOOR = 128; // of 255; in a matte from a network, pixels above it are object
+export const TRACE = 20; // of 255; that much of a pixel stays where a network removes it, as it may have been the object
 const MIN_TRANSPARENT = 0.05; // of the pixels; less is rounded corners or stray pixels, and separates nothing
 const BORDER_TOLERANCE = 12; // of 255, largest channel difference to the border's median
 const BORDER_SOFTNESS = 16; // of 255; over this the matte rises from 0 to 1
