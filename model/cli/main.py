@@ -5,7 +5,7 @@ import sys
 from collections.abc import Sequence
 from typing import Final
 
-from model.cli import data, evaluate, fit, heads, matte, paper, train
+from model.cli import data, distill, evaluate, fit, heads, matte, paper, train
 from model.cli.common import resolve_data
 from model.cli.flags import Parser
 from service.errors import HofError
@@ -32,6 +32,7 @@ def _parser() -> argparse.ArgumentParser:
     stages = parser.add_subparsers(required=True, metavar="STAGE")
     data.add_stages(stages.add_parser("data", help="build or look at a data set").add_subparsers(required=True))
     train.add_stages(stages)
+    distill.add_stage(stages)
     heads.add_stages(stages)
     matte.add_stages(stages)
     evaluate.add_stages(stages)

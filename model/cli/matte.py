@@ -31,7 +31,7 @@ def add_stages(stages: "argparse._SubParsersAction[argparse.ArgumentParser]") ->
 def _matte(arguments: argparse.Namespace) -> None:
     from model.export_matte import export_matte
     from model.report.matte_card import matte_card, matte_page
-    from model.training.train_matte import load_matte, train_matte
+    from model.training.grounds.train_matte import load_matte, train_matte
     from service.files import whole_file
 
     config = MatteConfig(**values(arguments, MatteConfig))

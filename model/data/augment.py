@@ -56,21 +56,29 @@ def oversize(size: int) -> int:
 
 
 def augment(
-    crops: Tensor, size: int, rng: np.random.Generator, photographs: tuple[Path, ...], light: Light = ANY_LIGHT
+    crops: Tensor,
+    size: int,
+    rng: np.random.Generator,
+    photographs: tuple[Path, ...],
+    light: Light = ANY_LIGHT,
+    shares: tuple[float, ...] = (PLAIN_SHARE, *GROUND_SHARES),
 ) -> Tensor:
     """Augment views: (b, 4, S, S) uint8 RGBA, S = oversize(size) * size -> (b, 3, size, size) in [0, 1].
 
-    Crops of the files `photographs` are the backgrounds of some objects.
+    Parameters
+    ----------
+    photographs : files; crops of them are the backgrounds of some objects.
+    shares : of images on white; and of the others, as `backgrounds` takes them.
     """
     b = len(crops)
-    plain = torch.from_numpy(rng.random(b) < PLAIN_SHARE).view(b, 1, 1, 1)
+    plain = torch.from_numpy(rng.random(b) < shares[0]).view(b, 1, 1, 1)
     views = blur(_frame(crops, size, plain, rng), rng)
     rgb, alpha = views[:, :3], views[:, 3:]
     strength = uniform(rng, *light.brightness, (b, 1, 1, 1)) * uniform(rng, *light.tint, (b, 3, 1, 1))
     lit = torch.minimum(_add_texture(rgb * strength, light.textured_share, rng), alpha)
     ground = torch.ones_like(lit)
     busy = ~plain.flatten()
-    ground[busy] = backgrounds(int(busy.sum()), lit.shape[-1], rng, photographs)
+    ground[busy] = backgrounds(int(busy.sum()), lit.shape[-1], rng, photographs, shares[1:])
     ground *= shadows(alpha, rng)
     image = tone(lit + (1 - alpha) * ground, light, rng)
     grain = noise(b, lit.shape[-1], rng) * uniform(rng, 0, NOISE, (b, 1, 1, 1))

@@ -1,6 +1,7 @@
 """Training examples in memory, and batches drawn from them, reproducible at any step."""
 
 import os
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -167,13 +168,8 @@ def draw_batch(examples: Examples, config: TrainConfig, step: int, light: Light 
     rng = np.random.default_rng([config.seed, step])
     mirrored = (rng.random(config.batch) < 0.5) & config.augmented
     crops, points, colors = [], [], []
-    groups = [*examples.shapes, *examples.pieces]
     surface = SURFACE if config.encoder.takes_points else 0
-    for number, is_mirrored in zip(_epoch_slice(len(groups), config, step), mirrored, strict=True):
-        shapes = groups[number]
-        if number < len(examples.shapes) and rng.random() < config.own_share:
-            shapes = shapes[:OWN]
-        shape, view = _any_view(shapes, rng)
+    for (shape, view), is_mirrored in zip(draw_views(examples, config, step, rng), mirrored, strict=True):
         order = rng.permutation(len(shape.points))[: max(config.target_points, surface)]
         targets = shape.points_in(config.frame, view)[order]
         crops.append(shape.crops[view])
@@ -191,6 +187,18 @@ def draw_batch(examples: Examples, config: TrainConfig, step: int, light: Light 
     canonical = torch.from_numpy(uniform_points(config, rng))
     batch_colors = torch.from_numpy(np.stack(colors)) if len(colors) == config.batch else None
     return Batch(images, canonical, torch.from_numpy(np.stack(points)), batch_colors)
+
+
+def draw_views(
+    examples: Examples, config: TrainConfig, step: int, rng: np.random.Generator
+) -> Iterator[tuple[Shape, int]]:
+    """Yield the shapes of a step, each with the index of one of its views."""
+    groups = [*examples.shapes, *examples.pieces]
+    for number in _epoch_slice(len(groups), config, step):
+        shapes = groups[number]
+        if number < len(examples.shapes) and rng.random() < config.own_share:
+            shapes = shapes[:OWN]
+        yield _any_view(shapes, rng)
 
 
 def _parts_batch(points: Tensor, config: TrainConfig, rng: np.random.Generator) -> Batch:

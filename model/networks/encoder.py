@@ -147,6 +147,7 @@ class LiteMaps(nn.Module):
         self.fine = nn.Conv2d(lite0.FINE_MAPS, config.fine_maps, 1) if config.fine_maps else None
         self.maps = config.joined_maps + 4 * config.fine_maps
         self.stride = lite0.STRIDE
+        self.dropout = DROPOUT
 
     def forward(self, images: Tensor) -> Tensor:
         """Return the feature maps: (b, 3, s, s) in [0, 1] -> (b, `maps`, s / `stride`, s / `stride`)."""
@@ -154,7 +155,7 @@ class LiteMaps(nn.Module):
         maps = self.joined(last)
         if self.fine is not None:
             maps = torch.cat([maps, _unshuffle(self.fine(fine), self.fine.out_channels)], dim=1)
-        return nnf.dropout(nnf.relu(maps), DROPOUT, self.training)
+        return nnf.dropout(nnf.relu(maps), self.dropout, self.training)
 
 
 def channels_last(inputs: Tensor) -> Tensor:

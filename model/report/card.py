@@ -106,6 +106,16 @@ def _join(sources: set[tuple[str, str]]) -> str:
     return ", ".join(f"{source} ({license_})" for source, license_ in sorted(sources))
 
 
+def _distilled(training: dict[str, Any] | None) -> str:
+    """Return the line on the distillation; empty without one."""
+    if training is None:
+        return ""
+    images = training["steps"] * training["batch"]
+    return f"""
+- **Distilled**: what it saw over white, it learned to see before {training["photographs"]} photographs, flat colors and
+  textures; {images:,} images, {training["minutes"]} minutes, {training["date"]}, commit {training["commit"]}."""
+
+
 def _estimates(training: dict[str, Any] | None) -> str:
     """Return the line on the heads for the shape's confidence and the camera; empty without them."""
     if training is None:
@@ -187,7 +197,7 @@ Written by `hof-model export` from the metadata of the file. `GET /model` serves
   objects, split by object after removing duplicates, {views}. Sources: {"; ".join(data["licences"])}.{pieces}
 - **Training**: {training["minutes"]} minutes and {training["steps"]:,} steps, including the runs that it started
   from; seed {training["config"]["seed"]} in the last run. Exported {exported["date"]} on {exported["machine"]}, commit
-  {exported["commit"]}.
+  {exported["commit"]}.{_distilled(card.get("distilled"))}
 - **Color**: {color_head}.{_estimates(card.get("estimates"))}
 
 ## Figures on the test split

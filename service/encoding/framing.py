@@ -136,7 +136,7 @@ def frame(
         raise NoObjectFound("no object found in the image: nothing in it stands out clearly enough", field="image")
     square = _square(box, framing.foreground_ratio)
     if mask == "matting":
-        matte, square = _with_trace(matte, work), _within(square, work.size)
+        matte, square = with_trace(matte, work), _within(square, work.size)
     rgba, *small = _squares(work, matte, square, sizes)
     width, height = image.size
     left, top, right, bottom = (factor * edge for edge in box)
@@ -166,6 +166,12 @@ def preprocess(
     box = (round(left * x), round(top * y), round(right * x), round(bottom * y))
     small = thumbnail_file(crop.thumbnail) if crop.thumbnail else None
     return Framed(over_white(crop.rgba), crop.mask, box, crop.confidence, width, height, small)
+
+
+def with_trace(matte: Matte, image: Image.Image) -> Matte:
+    """Return a matte (H, W) that leaves a trace of what it removes from an RGB or RGBA image."""
+    faint = np.maximum(matte, np.uint8(TRACE))
+    return np.minimum(faint, np.asarray(image.getchannel("A"))) if image.mode == "RGBA" else faint
 
 
 def _sums_of(matte: Matte, floor: int) -> _Sums:
@@ -284,9 +290,3 @@ def _within(square: Box, size: tuple[int, int]) -> Box:
         for low, length in zip((left, top), size, strict=True)
     )
     return x, y, x + side, y + side
-
-
-def _with_trace(matte: Matte, image: Image.Image) -> Matte:
-    """Return a matte (H, W) that leaves a trace of what it removes from an RGB or RGBA image."""
-    faint = np.maximum(matte, np.uint8(TRACE))
-    return np.minimum(faint, np.asarray(image.getchannel("A"))) if image.mode == "RGBA" else faint

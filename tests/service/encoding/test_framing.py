@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image, ImageDraw
 
-from service.encoding.framing import Background, Framing, preprocess
+from service.encoding.framing import Background, Box, Framing, _within, preprocess
+from service.encoding.masks import TRACE
 from service.errors import InvalidParameter, NoObjectFound
 from tests.support.photos import disc, image_file
 
@@ -163,3 +164,49 @@ def test_preprocess_with_a_busy_border_takes_the_image_whole_or_raises() -> None
     assert preprocess(image_file(noise), FRAMING).mask == "none"
     with pytest.raises(InvalidParameter, match="cannot be removed"):
         preprocess(image_file(noise), FRAMING, "remove")
+
+
+# --- before any background: a trace of what a mask removes, and no margin ---------------------------
+
+
+def _left_half(image: Image.Image) -> np.ndarray[tuple[int, int], np.dtype[np.uint8]]:
+    """Take the left half of a picture for the object."""
+    matte = np.zeros((image.height, image.width), np.uint8)
+    matte[:, : image.width // 2] = 255
+    return matte
+
+
+def _colors(size: tuple[int, int]) -> Image.Image:
+    """Return a picture without a uniform border, and without white."""
+    return Image.fromarray(np.random.default_rng(0).integers(0, 200, (size[1], size[0], 3)).astype(np.uint8))
+
+
+def test_preprocess_by_matting_leaves_a_trace_of_what_it_removes() -> None:
+    photo = _colors((64, 64))
+    tensor = preprocess(image_file(photo), FRAMING, matting=_left_half).tensor[0].transpose(1, 2, 0)
+    levels = np.asarray(photo) / 255
+    np.testing.assert_allclose(tensor[:, :32], levels[:, :32], atol=1e-6)
+    trace = 1 - TRACE / 255 * (1 - levels[:, 32:])
+    np.testing.assert_allclose(tensor[:, 32:], trace, atol=1.01 / 255)
+    assert trace.max() < 1
+
+
+def test_preprocess_by_matting_leaves_no_trace_of_transparent_pixels() -> None:
+    photo = _colors((64, 64)).convert("RGBA")
+    photo.putpixel((63, 0), (0, 0, 0, 0))
+    tensor = preprocess(image_file(photo), FRAMING, matting=_left_half).tensor[0]
+    assert (tensor[:, 0, 63] == 1).all()
+    assert (tensor[:, 1:, 63] < 1).all()
+
+
+@pytest.mark.parametrize(
+    ("square", "size", "expected"),
+    [
+        ((10, 20, 30, 40), (100, 50), (10, 20, 30, 40)),  # lies within
+        ((-6, 35, 24, 65), (100, 50), (0, 20, 30, 50)),  # moved right and up
+        ((-10, -30, 110, 90), (100, 50), (0, -20, 100, 80)),  # as large as the longer side
+        ((0, 0, 1, 1), (1, 1), (0, 0, 1, 1)),
+    ],
+)
+def test_square_before_any_background_stays_within_the_photo(square: Box, size: tuple[int, int], expected: Box) -> None:
+    assert _within(square, size) == expected

@@ -13,7 +13,7 @@ from PIL import Image
 
 from service.encoding.decode import decode
 from service.encoding.encoder import Encoder
-from service.encoding.framing import Box, Framing, _within, preprocess
+from service.encoding.framing import Framing, preprocess
 from service.encoding.masks import TRACE
 from service.encoding.matting import CACHED_MATTES, Matting, _square_around
 from service.errors import InvalidModel, NoObjectFound
@@ -182,49 +182,6 @@ def test_preprocess_of_a_photo_with_a_background_cuts_the_object_out(
     corners = framed.tensor[0][:, [0, 0, -1, -1], [0, -1, 0, -1]]
     assert corners.min() >= 1 - TRACE / 255  # the table is gone, but for a trace
     assert framed.tensor[0, :, 32, 32].min() < 0.9
-
-
-def _left_half(image: Image.Image) -> np.ndarray[tuple[int, int], np.dtype[np.uint8]]:
-    """Take the left half of a picture for the object."""
-    matte = np.zeros((image.height, image.width), np.uint8)
-    matte[:, : image.width // 2] = 255
-    return matte
-
-
-def _colors(size: tuple[int, int]) -> Image.Image:
-    """Return a picture without a uniform border, and without white."""
-    return Image.fromarray(np.random.default_rng(0).integers(0, 200, (size[1], size[0], 3)).astype(np.uint8))
-
-
-def test_preprocess_by_matting_leaves_a_trace_of_what_it_removes() -> None:
-    photo = _colors((64, 64))
-    tensor = preprocess(image_file(photo), FRAMING, matting=_left_half).tensor[0].transpose(1, 2, 0)
-    levels = np.asarray(photo) / 255
-    np.testing.assert_allclose(tensor[:, :32], levels[:, :32], atol=1e-6)
-    trace = 1 - TRACE / 255 * (1 - levels[:, 32:])
-    np.testing.assert_allclose(tensor[:, 32:], trace, atol=1.01 / 255)
-    assert trace.max() < 1
-
-
-def test_preprocess_by_matting_leaves_no_trace_of_transparent_pixels() -> None:
-    photo = _colors((64, 64)).convert("RGBA")
-    photo.putpixel((63, 0), (0, 0, 0, 0))
-    tensor = preprocess(image_file(photo), FRAMING, matting=_left_half).tensor[0]
-    assert (tensor[:, 0, 63] == 1).all()
-    assert (tensor[:, 1:, 63] < 1).all()
-
-
-@pytest.mark.parametrize(
-    ("square", "size", "expected"),
-    [
-        ((10, 20, 30, 40), (100, 50), (10, 20, 30, 40)),  # lies within
-        ((-6, 35, 24, 65), (100, 50), (0, 20, 30, 50)),  # moved right and up
-        ((-10, -30, 110, 90), (100, 50), (0, -20, 100, 80)),  # as large as the longer side
-        ((0, 0, 1, 1), (1, 1), (0, 0, 1, 1)),
-    ],
-)
-def test_square_before_any_background_stays_within_the_photo(square: Box, size: tuple[int, int], expected: Box) -> None:
-    assert _within(square, size) == expected
 
 
 @pytest.mark.parametrize("mode", ["L", "CMYK"])

@@ -12,7 +12,7 @@ from PIL import Image
 from model import cli
 from model.config import MatteConfig
 from model.data.manifest import Manifest, variant_file
-from model.training.train_matte import load_composites, load_matte, matte_loss, overlap, train_matte
+from model.training.grounds.train_matte import load_composites, load_matte, matte_loss, overlap, train_matte
 from service.encoding.matting import Matting
 from tests.support.small import data as small_data
 

@@ -1,0 +1,143 @@
+"""Distill an exported encoder (`hof-model distill`): it learns to see before any background what it sees over white.
+
+The teacher is the encoder as it was. Its features and maps of a view over white are what the encoder should answer to
+the same view before a background: to the picture as it is, or as the service frames it behind a matte network, wrong
+masks and all. What reads the features stays as it is: theta's last layer, the color head, the heads of the estimates.
+"""
+
+import copy
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import torch
+from PIL import Image
+from torch import Tensor
+
+from model.config import DistillConfig, TrainConfig
+from model.data.augment import ANY_LIGHT, augment
+from model.data.dataset import Examples, draw_views, load_examples, plain_images
+from model.networks.encoder import ImageEncoder, LiteMaps, channels_last
+from model.training.checkpoints import load_encoder
+from model.training.grounds.learner import Batch, Learner, learn
+from model.training.memory import keep_freed_memory
+from service.encoding.framing import MIN_CONFIDENCE, with_trace
+from service.encoding.masks import MattingFunction
+
+SHARES: Final = (0.3, 0.07, 0.08, 0.15, 0.7)  # over white; of the others: flat color, gradient, texture, photographs
+MATTED_SHARE: Final = 0.3  # of the images are framed behind the matte network, unless they are over white
+WHITE: Final = 0.97  # the least level of the first rows of an image over white
+MAPS_WEIGHT: Final = 0.3  # of the maps' error, beside that of the features
+CHECKED: Final = 4  # batches of validation objects
+
+
+def distill(data: Path, model: Path, run: Path, config: DistillConfig, matting: MattingFunction) -> Path:
+    """Train within `config.minutes` and return the path of the checkpoint, `run/last.pt`; an existing run is resumed.
+
+    Raises
+    ------
+    FileNotFoundError : `data` lacks the objects, `hof-model data vary` or `hof-model data make`.
+    ValueError : `model` is not of `hof-model export`, or its trunk is another than lite0.
+    """
+    run.mkdir(parents=True, exist_ok=True)
+    teacher, trained, _ = load_encoder(model)
+    drawing = replace(trained, batch=config.batch, seed=config.seed, variants=True, made=True)
+    student = prepared(teacher)
+    teacher.requires_grad_(requires_grad=False).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+    learner = Learner(student, _loss, config, run / "last.pt")
+    examples = load_examples(data, "train", drawing.framing, variants=True, pieces=True)
+    unseen = load_examples(data, "val", drawing.framing)
+    keep_freed_memory()
+
+    def draw(step: int, of: Examples = examples) -> Batch:
+        images, plain = draw_pairs(of, drawing, step, matting)
+        return images, answers(teacher, plain)
+
+    checked = [draw(step, unseen) for step in range(CHECKED)]
+
+    @torch.no_grad()
+    def check(average: ImageEncoder) -> dict[str, float]:
+        return {"error": float(np.mean([float(_loss(average, *batch)) for batch in checked]))}
+
+    return learn(learner, run, draw, check)
+
+
+def load_distilled(model: Path, checkpoint: Path) -> tuple[ImageEncoder, TrainConfig, dict[str, Any]]:
+    """Return the averaged encoder of a checkpoint, its config, and how long it was distilled: steps and minutes.
+
+    Raises
+    ------
+    FileNotFoundError : there is no such file.
+    """
+    encoder, config, _ = load_encoder(model)
+    with checkpoint.open("rb") as file:
+        saved = torch.load(file, weights_only=True)
+    encoder.load_state_dict(saved["average"])
+    return encoder.eval(), config, {"steps": saved["step"], "minutes": round(saved["elapsed_s"] / 60, 1)}
+
+
+def prepared(teacher: ImageEncoder) -> ImageEncoder:
+    """Return a copy of an encoder to train: without dropout, theta's last layer frozen.
+
+    Raises
+    ------
+    ValueError : its trunk is another than lite0.
+    """
+    student = copy.deepcopy(teacher)
+    if not isinstance(student.features, LiteMaps):
+        raise ValueError("the model's trunk is not lite0: only such an encoder can be distilled")  # noqa: TRY004
+    student.features.dropout = 0.0
+    student.head.requires_grad_(requires_grad=False)
+    return student
+
+
+@torch.no_grad()
+def answers(encoder: ImageEncoder, images: Tensor) -> Tensor:
+    """Return features and maps of images, side by side: (b, 3, s, s) -> (b, width + maps)."""
+    return _answers(encoder, images)
+
+
+def _answers(encoder: ImageEncoder, images: Tensor) -> Tensor:
+    maps, features = encoder.look(channels_last(images))
+    return torch.cat([features, maps.flatten(1)], dim=1)
+
+
+def _loss(student: ImageEncoder, images: Tensor, expected: Tensor) -> Tensor:
+    """Return the squared error of the features, and MAPS_WEIGHT of that of the maps, each over its variance."""
+    own = _answers(student, images)
+    total = torch.zeros(())
+    for part, weight in ((slice(student.width), 1.0), (slice(student.width, None), MAPS_WEIGHT)):
+        variance = expected[:, part].var(dim=0, unbiased=False).mean()
+        total = total + weight * (own[:, part] - expected[:, part]).square().mean() / variance
+    return total
+
+
+def draw_pairs(
+    examples: Examples, config: TrainConfig, step: int, matting: MattingFunction | None
+) -> tuple[Tensor, Tensor]:
+    """Return views before backgrounds, and the same views over white: (b, 3, size, size) in [0, 1] each."""
+    rng = np.random.default_rng([config.seed, step])
+    crops = np.stack([shape.crops[view] for shape, view in draw_views(examples, config, step, rng)])
+    views, size = torch.from_numpy(crops), config.framing.size
+    images = augment(views.permute(0, 3, 1, 2), size, rng, examples.photographs, ANY_LIGHT, SHARES)
+    plain = plain_images(views, size)
+    if matting:
+        for index in np.flatnonzero(rng.random(len(images)) < MATTED_SHARE):
+            images[index] = _matted(images[index], matting)
+    mirrored = torch.from_numpy(rng.random(len(images)) < 0.5)
+    images[mirrored], plain[mirrored] = images[mirrored].flip(3), plain[mirrored].flip(3)
+    return images, plain
+
+
+def _matted(image: Tensor, matting: MattingFunction) -> Tensor:
+    """Return an image (3, s, s) as the service frames it, if it is not over white and something stands out."""
+    if float(image[:, :3].min()) > WHITE:
+        return image
+    picture = Image.fromarray((255 * image.permute(1, 2, 0)).round().to(torch.uint8).numpy())
+    matte = matting(picture)
+    levels = matte.astype(np.float64)
+    if not levels.any() or (levels**2).sum() / levels.sum() / 255 < MIN_CONFIDENCE:
+        return image
+    share = torch.from_numpy(with_trace(matte, picture)).float() / 255
+    return image * share + (1 - share)

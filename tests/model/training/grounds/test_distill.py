@@ -1,0 +1,131 @@
+"""Distillation: pairs of images, the loss, a short run, and the file that it writes."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from model import cli
+from model.config import LITE0, DistillConfig
+from model.data.dataset import load_examples
+from model.data.manifest import Manifest, variant_file
+from model.export import export
+from model.networks.color_head import ColorHead, color_spec, look
+from model.networks.encoder import ImageEncoder
+from model.training.grounds.distill import _loss, _matted, answers, distill, draw_pairs, prepared
+from service.encoding.encoder import Encoder
+from service.encoding.masks import TRACE, Matte
+from service.encoding.matting import Matting
+from service.settings import SHIPPED_MATTING
+from tests.support.small import data as small_data
+from tests.support.small.network import CONFIG as DENSE
+
+CONFIG = replace(DENSE, encoder=replace(LITE0, frozen=0), batch=4)
+SIZE = CONFIG.framing.size
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write a data set with all splits, variants of its objects, and a piece."""
+    folder = small_data.write(tmp_path_factory.mktemp("distill") / "data", train=2, test=2)
+    manifest = Manifest.read(folder)
+    entries = [*manifest.entries[:-1], replace(manifest.entries[-1], split="val")]
+    replace(manifest, entries=tuple(entries)).write(folder / "manifest.json")
+    (folder / "made").mkdir()
+    for entry in entries:
+        with np.load(folder / entry.file) as arrays:
+            for number in range(3):
+                np.savez(variant_file(folder, entry, number), views=arrays["views"][:2], points=arrays["points"])
+            np.savez(folder / "made" / f"{entry.id}.npz", views=arrays["views"][:1], points=arrays["points"])
+    return folder
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Export a small model with color, its trunk lite0."""
+    torch.manual_seed(0)
+    encoder = ImageEncoder(CONFIG.spec, CONFIG.encoder, SIZE).eval()
+    inputs = look(encoder, torch.zeros(1, 3, SIZE, SIZE))[1].shape[1]
+    card = {"name": "small", "training": {"minutes": 0, "steps": 0, "config": CONFIG.to_dict()}}
+    card |= {"data": {"objects": {"train": 0, "val": 0, "test": 0}, "licences": []}, "figures": {}, "limits": []}
+    card |= {"exported": {"date": "d", "machine": "m", "commit": "c"}, "trunk": "t", "method": "m", "license": "l"}
+    path = tmp_path_factory.mktemp("model") / "small.onnx"
+    export(encoder, CONFIG, card, path, ColorHead(color_spec(CONFIG.spec), inputs).eval())
+    return path
+
+
+def _left_half(image: Image.Image) -> Matte:
+    matte = np.zeros((image.height, image.width), np.uint8)
+    matte[:, : image.width // 2] = 255
+    return matte
+
+
+def test_prepared_of_another_trunk_raises_value_error() -> None:
+    encoder = ImageEncoder(DENSE.spec, DENSE.encoder, SIZE)
+    with pytest.raises(ValueError, match="trunk is not lite0"):
+        prepared(encoder)
+
+
+def test_prepared_freezes_the_last_layer_alone() -> None:
+    student = prepared(ImageEncoder(CONFIG.spec, CONFIG.encoder, SIZE))
+    frozen = {name for name, weight in student.named_parameters() if not weight.requires_grad}
+    assert frozen - {"features.lite0.stem.weight", "features.lite0.stem.bias"} == {
+        "head.linear.weight",
+        "head.linear.bias",
+    }
+
+
+def test_loss_of_the_same_images_is_zero_and_of_others_is_not() -> None:
+    teacher = ImageEncoder(CONFIG.spec, CONFIG.encoder, SIZE).eval()
+    student, images = prepared(teacher).eval(), torch.rand(3, 3, SIZE, SIZE)
+    with torch.no_grad():
+        same, other = (float(_loss(student, shown, answers(teacher, images))) for shown in (images, images.flip(0)))
+    assert same < 1e-6
+    assert other > 0.1
+
+
+def test_draw_pairs_differ_by_the_background_alone(data: Path) -> None:
+    examples = load_examples(data, "train", CONFIG.framing, variants=True, pieces=True)
+    images, plain = draw_pairs(examples, replace(CONFIG, batch=16), 0, None)
+    assert images.shape == plain.shape == (16, 3, SIZE, SIZE)
+    again = draw_pairs(examples, replace(CONFIG, batch=16), 0, None)
+    assert torch.equal(images, again[0])
+    assert (plain[:, :, 0] > 0.99).all()
+    assert (images[:, :, 0] < 0.97).flatten(1).any(dim=1).float().mean() > 0.5
+
+
+def test_matted_before_a_background_leaves_a_trace_and_over_white_all() -> None:
+    dark = torch.full((3, 8, 8), 0.2)
+    half = _matted(dark, _left_half)
+    assert torch.equal(half[..., :4], dark[..., :4])
+    torch.testing.assert_close(half[..., 4:], torch.full((3, 8, 4), 1 - 0.8 * TRACE / 255))
+    assert torch.equal(_matted(dark, lambda image: np.zeros((8, 8), np.uint8)), dark)  # nothing stands out
+    white = torch.ones(3, 8, 8)
+    white[:, 4:] = 0.2
+    assert torch.equal(_matted(white, _left_half), white)
+
+
+@pytest.mark.slow
+def test_distill_goes_on_from_its_checkpoint(data: Path, model: Path, tmp_path: Path) -> None:
+    config, matting = DistillConfig(minutes=0.01, batch=4), Matting(SHIPPED_MATTING, 1)
+    first = torch.load(distill(data, model, tmp_path, config, matting), weights_only=True)
+    later = torch.load(distill(data, model, tmp_path, replace(config, minutes=0.05), matting), weights_only=True)
+    assert 0 < first["step"] < later["step"]
+    assert "error" in (tmp_path / "log.jsonl").read_text()
+
+
+@pytest.mark.slow
+def test_distill_command_changes_theta_and_keeps_the_outputs(data: Path, model: Path, tmp_path: Path) -> None:
+    output = tmp_path / "distilled.onnx"
+    options = ["--data", str(data), "--model", str(model), "--run", str(tmp_path), "--minutes", "0.02", "--batch", "4"]
+    assert cli.main(["distill", *options, "-o", str(output)]) == 0
+    before, after = Encoder.open(model, 1), Encoder.open(output, 1)
+    assert after.outputs == before.outputs
+    assert after.card["distilled"]["steps"] > 0
+    assert "cd_forward" in after.card["figures"]["small"]
+    assert "**Distilled**" in output.with_suffix(".md").read_text()
+    images = np.random.default_rng(0).random((1, 3, SIZE, SIZE), np.float32)
+    assert np.abs(before.encode(images)[0].theta - after.encode(images)[0].theta).max() > 0
