@@ -169,10 +169,10 @@ def test_preprocess_with_a_busy_border_takes_the_image_whole_or_raises() -> None
 # --- before any background: a trace of what a mask removes, and no margin ---------------------------
 
 
-def _left_half(image: Image.Image) -> np.ndarray[tuple[int, int], np.dtype[np.uint8]]:
-    """Take the left half of a picture for the object."""
+def _middle(image: Image.Image) -> np.ndarray[tuple[int, int], np.dtype[np.uint8]]:
+    """Take the middle half of a picture for the object."""
     matte = np.zeros((image.height, image.width), np.uint8)
-    matte[:, : image.width // 2] = 255
+    matte[:, image.width // 4 : 3 * image.width // 4] = 255
     return matte
 
 
@@ -183,18 +183,18 @@ def _colors(size: tuple[int, int]) -> Image.Image:
 
 def test_preprocess_by_matting_leaves_a_trace_of_what_it_removes() -> None:
     photo = _colors((64, 64))
-    tensor = preprocess(image_file(photo), FRAMING, matting=_left_half).tensor[0].transpose(1, 2, 0)
+    tensor = preprocess(image_file(photo), FRAMING, matting=_middle).tensor[0].transpose(1, 2, 0)
     levels = np.asarray(photo) / 255
-    np.testing.assert_allclose(tensor[:, :32], levels[:, :32], atol=1e-6)
-    trace = 1 - TRACE / 255 * (1 - levels[:, 32:])
-    np.testing.assert_allclose(tensor[:, 32:], trace, atol=1.01 / 255)
+    np.testing.assert_allclose(tensor[:, 16:48], levels[:, 16:48], atol=1e-6)
+    trace = 1 - TRACE / 255 * (1 - levels[:, 48:])
+    np.testing.assert_allclose(tensor[:, 48:], trace, atol=1.01 / 255)
     assert trace.max() < 1
 
 
 def test_preprocess_by_matting_leaves_no_trace_of_transparent_pixels() -> None:
     photo = _colors((64, 64)).convert("RGBA")
     photo.putpixel((63, 0), (0, 0, 0, 0))
-    tensor = preprocess(image_file(photo), FRAMING, matting=_left_half).tensor[0]
+    tensor = preprocess(image_file(photo), FRAMING, matting=_middle).tensor[0]
     assert (tensor[:, 0, 63] == 1).all()
     assert (tensor[:, 1:, 63] < 1).all()
 
@@ -203,10 +203,10 @@ def test_preprocess_by_matting_leaves_no_trace_of_transparent_pixels() -> None:
     ("square", "size", "expected"),
     [
         ((10, 20, 30, 40), (100, 50), (10, 20, 30, 40)),  # lies within
-        ((-6, 35, 24, 65), (100, 50), (0, 20, 30, 50)),  # moved right and up
+        ((-1, 23, 29, 53), (100, 50), (0, 21, 30, 51)),  # moved right, and up by 6% of its side
         ((-10, -30, 110, 90), (100, 50), (0, -20, 100, 80)),  # as large as the longer side
         ((0, 0, 1, 1), (1, 1), (0, 0, 1, 1)),
     ],
 )
-def test_square_before_any_background_stays_within_the_photo(square: Box, size: tuple[int, int], expected: Box) -> None:
+def test_square_before_any_background_moves_toward_the_photo(square: Box, size: tuple[int, int], expected: Box) -> None:
     assert _within(square, size) == expected

@@ -25,6 +25,7 @@ export class NoObjectFound extends Error {
 
 const WORK_SIDE = 1024; // pixels of the longest side at which masks and crops are computed
 const MIN_CONFIDENCE = 0.7; // of a matte from a network
+const MOST_MOVED = 0.06; // of the square's side; further from the middle, encoders make more errors
 const MIN_FOREGROUND = 5e-4; // of the image's pixels
 const SPECKS = 2e-4; // of the foreground, which are cut from each end
 
@@ -69,16 +70,19 @@ function squareAround([left, top, right, bottom]: Box, ratio: number): Box {
   return [x, y, x + side, y + side];
 }
 
-/** A square around the same center, no larger than a picture's longer side, moved into the picture. */
+/** A square no larger than a picture's longer side, moved toward the picture by MOST_MOVED at most. */
 function within([left, top, right]: Box, { width, height }: Pixels): Box {
   const side = Math.min(right - left, Math.max(width, height));
+  const most = roundHalfToEven(MOST_MOVED * side);
   const middle = Math.floor((right - left - side) / 2);
-  const [x, y] = [moved(left + middle, side, width), moved(top + middle, side, height)];
+  const moved = (low: number, length: number) => low + Math.max(-most, Math.min(most, wayInto(low, side, length)));
+  const [x, y] = [moved(left + middle, width), moved(top + middle, height)];
   return [x, y, x + side, y + side];
 }
 
-function moved(low: number, side: number, length: number): number {
-  return side <= length ? Math.min(Math.max(0, low), length - side) : low;
+/** How far a range of `side` from `low` on has to move to lie within 0 to `length`; 0 if it is longer. */
+function wayInto(low: number, side: number, length: number): number {
+  return side <= length ? Math.min(Math.max(0, low), length - side) - low : 0;
 }
 
 /** A matte that leaves a trace of what it removes: it may have been the object. */
