@@ -211,7 +211,7 @@ class MatteConfig:
 
 @dataclass(frozen=True)
 class DistillConfig:
-    """Training of an exported encoder to see before any background what it sees over white."""
+    """Training of an exported encoder to give the same answer with a background as over white."""
 
     seed: int = option(0, "seed of views and augmentation", least=0)
     minutes: float = option(35.0, "budget in minutes; the learning rate falls to 0 over the budget", above=0)

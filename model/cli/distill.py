@@ -1,4 +1,4 @@
-"""`hof-model distill`: teach an exported encoder to see before any background what it sees over white."""
+"""`hof-model distill`: train an exported encoder to give the same answer with a background as over white."""
 
 import argparse
 import tempfile
@@ -12,7 +12,7 @@ from model.config import DistillConfig
 def add_stage(stages: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Declare the stage: it sets `run`, a function of the parsed arguments."""
     stage = stages.add_parser(
-        "distill", help="teach an exported model to see before any background what it sees over white; resumable"
+        "distill", help="train an exported model to give the same answer with a background as over white; resumable"
     )
     stage.set_defaults(run=_distill)
     add_data(stage)
@@ -35,9 +35,9 @@ def _distill(arguments: argparse.Namespace) -> None:
     from service.files import whole_file
 
     config, model, output = DistillConfig(**values(arguments, DistillConfig)), arguments.model, arguments.output
+    card = Encoder.open(model, threads=1).card
     checkpoint = distill(arguments.data, model, arguments.folder, config, Matting(arguments.matte, threads=1))
     encoder, trained, spent = load_distilled(model, checkpoint)
-    card = Encoder.open(model, threads=1).card
     photographs = len(photograph_files(arguments.data))
     card["distilled"] = {**spent, "batch": config.batch, "photographs": photographs, **provenance(config.seed)}
     with tempfile.TemporaryDirectory() as folder:

@@ -3,8 +3,8 @@
 decode (limits, EXIF, every color mode) -> mask (alpha, else a uniform border, else matting if a model is loaded)
 -> square crop around the object -> resize -> composite over white -> (1, 3, size, size) float32 in [0, 1].
 
-A mask from a network can be wrong. So the square then shows little beyond the photo, and a trace of what the mask
-removes stays: the encoder loses less to wrong masks, and nothing to right ones (RESULTS.md, photographs).
+A mask from a network can be wrong. So the square then shows less beyond the photo, and a trace of what the mask
+removes stays: the encoder loses less to wrong masks (RESULTS.md, photographs). Thumbnails show no trace.
 """
 
 import threading
@@ -135,10 +135,11 @@ def frame(
     confidence = sums.squares / sums.total / 255
     if mask == "matting" and confidence < MIN_CONFIDENCE:
         raise NoObjectFound("no object found in the image: nothing in it stands out clearly enough", field="image")
-    square = _square(box, framing.foreground_ratio)
+    square, opacity = _square(box, framing.foreground_ratio), matte
     if mask == "matting":
-        matte, square = with_trace(matte, work), _within(square, work.size)
-    rgba, *small = _squares(work, matte, square, sizes)
+        square, opacity = _within(square, work.size), with_trace(matte, work)
+    (rgba,) = _squares(work, opacity, square, sizes[:1])
+    small = _squares(work, matte, square, sizes[1:]) if thumbnail else []
     width, height = image.size
     left, top, right, bottom = (factor * edge for edge in box)
     box = (left, top, min(right, width), min(bottom, height))
@@ -171,8 +172,9 @@ def preprocess(
 
 def with_trace(matte: Matte, image: Image.Image) -> Matte:
     """Return a matte (H, W) that leaves a trace of what it removes from an RGB or RGBA image."""
-    faint = np.maximum(matte, np.uint8(TRACE))
-    return np.minimum(faint, np.asarray(image.getchannel("A"))) if image.mode == "RGBA" else faint
+    alpha = np.asarray(image.getchannel("A")) if image.mode == "RGBA" else np.uint8(255)
+    trace: Matte = np.maximum(matte, np.minimum(alpha, np.uint8(TRACE)))  # what is transparent leaves none
+    return trace
 
 
 def _sums_of(matte: Matte, floor: int) -> _Sums:
@@ -281,7 +283,7 @@ def _square(box: Box, foreground_ratio: float) -> Box:
 def _within(square: Box, size: tuple[int, int]) -> Box:
     """Return a square no larger than a picture's longer side, moved toward the picture by MOST_MOVED at most.
 
-    So it shows what the picture has and no margin, as far as that leaves the object in the middle.
+    So it shows less beyond the picture, and the object stays near the middle.
     """
     left, top, right, _ = square
     side = min(right - left, max(size))

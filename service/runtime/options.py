@@ -98,14 +98,16 @@ class EncodeOptions(BaseModel):
         default="auto",
         description="`auto` removes the background by the first method that applies: transparency, a uniform border, "
         "matting unless the service runs without it; if none does, it keeps the image as it is. `keep` always keeps "
-        "the image as it is. `remove` answers 422 if no method applies",
+        "the image as it is. `remove` answers 422 if no method applies. Of what matting removes, the encoder sees a "
+        "trace",
     )
     foreground_ratio: float | None = Field(
         default=None,
         ge=0.1,
         le=1,
         description="share of the encoder's input that the object's longer side fills; by default as in the model's "
-        "training, 0.85 for the shipped model",
+        "training, 0.85 for the shipped model. Where a network makes the mask, the input shows no more than the "
+        "photo's longer side, so the share may be larger",
     )
 
 

@@ -6,10 +6,11 @@ import re
 from collections.abc import Sequence
 from typing import Final
 
-from service.encoding.masks import TRACE, Mask
+from service.encoding.masks import Mask
 from service.mapping.spec import Array, Functions, MappingSpec
 
 ID_DIGITS: Final = 32  # hexadecimal: 128 bits
+MATTED_FRAMING: Final = 2  # raise with each change of how photos are framed whose mask is of a network
 MAX_QUOTED: Final = 64  # characters of a malformed id that an error repeats
 
 
@@ -26,7 +27,7 @@ def encoded_id(image: bytes, mask: Mask, foreground_ratio: float, *model_digests
         "foreground_ratio": foreground_ratio,
         "model": " ".join(model_digests),
     }
-    return _digest("encoded", parts | ({"trace": TRACE} if mask == "matting" else {}))
+    return _digest("encoded", parts | ({"framing": MATTED_FRAMING} if mask == "matting" else {}))
 
 
 def views_id(ids: Sequence[str]) -> str:

@@ -534,7 +534,8 @@ export interface paths {
          *
          *     The tensor `image` is (b, 3, size, size), float32. Channels are red, green, blue, in [0, 1]: sRGB levels divided by
          *     255. Rows run from the top. The object stands over white, centered; its longer side fills `foreground_ratio` of the
-         *     square: `/model` has this share and the size. `/encode` does all of this itself.
+         *     square: `/model` has this share and the size. `/encode` does all of this itself; photos that a network masks it
+         *     frames a little differently.
          *
          *     The output `theta` equals the weights of `/encode?store=false`, but for the rounding of `HOF_STORE_DTYPE=float16`. A
          *     model with color also has the output `color`. A model that makes estimates also has `shape_confidence` (b, 1) and
@@ -562,7 +563,8 @@ export interface paths {
          *
          *     The tensor `image` is (b, 3, size, size), float32. Channels are red, green, blue, in [0, 1]: sRGB levels divided by
          *     255. Rows run from the top. The object stands over white, centered; its longer side fills `foreground_ratio` of the
-         *     square: `/model` has this share and the size. `/encode` does all of this itself.
+         *     square: `/model` has this share and the size. `/encode` does all of this itself; photos that a network masks it
+         *     frames a little differently.
          *
          *     The output `theta` equals the weights of `/encode?store=false`, but for the rounding of `HOF_STORE_DTYPE=float16`. A
          *     model with color also has the output `color`. A model that makes estimates also has `shape_confidence` (b, 1) and
@@ -1618,12 +1620,12 @@ export interface operations {
         parameters: {
             query?: {
                 /**
-                 * @description `auto` removes the background by the first method that applies: transparency, a uniform border, matting unless the service runs without it; if none does, it keeps the image as it is. `keep` always keeps the image as it is. `remove` answers 422 if no method applies
+                 * @description `auto` removes the background by the first method that applies: transparency, a uniform border, matting unless the service runs without it; if none does, it keeps the image as it is. `keep` always keeps the image as it is. `remove` answers 422 if no method applies. Of what matting removes, the encoder sees a trace
                  * @example auto
                  */
                 background?: "auto" | "keep" | "remove";
                 /**
-                 * @description share of the encoder's input that the object's longer side fills; by default as in the model's training, 0.85 for the shipped model
+                 * @description share of the encoder's input that the object's longer side fills; by default as in the model's training, 0.85 for the shipped model. Where a network makes the mask, the input shows no more than the photo's longer side, so the share may be larger
                  * @example 0.85
                  */
                 foreground_ratio?: number;

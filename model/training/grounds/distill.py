@@ -1,8 +1,8 @@
-"""Distill an exported encoder (`hof-model distill`): it learns to see before any background what it sees over white.
+"""Distill an exported encoder (`hof-model distill`): it learns to answer with a background as it does over white.
 
 The teacher is the encoder as it was. Its features and maps of a view over white are what the encoder should answer to
-the same view before a background: to the picture as it is, or as the service frames it behind a matte network, wrong
-masks and all. What reads the features stays as it is: theta's last layer, the color head, the heads of the estimates.
+the same view before a background: to the picture as it is, or as a matte network's mask leaves it, right or wrong. What
+reads the features stays as it is: theta's last layer, the color head, the heads of the estimates.
 """
 
 import copy
@@ -22,11 +22,12 @@ from model.networks.encoder import ImageEncoder, LiteMaps, channels_last
 from model.training.checkpoints import load_encoder
 from model.training.grounds.learner import Batch, Learner, learn
 from model.training.memory import keep_freed_memory
+from service.encoding.encoder import Encoder
 from service.encoding.framing import MIN_CONFIDENCE, with_trace
 from service.encoding.masks import MattingFunction
 
 SHARES: Final = (0.3, 0.07, 0.08, 0.15, 0.7)  # over white; of the others: flat color, gradient, texture, photographs
-MATTED_SHARE: Final = 0.3  # of the images are framed behind the matte network, unless they are over white
+MATTED_SHARE: Final = 0.3  # of the images are masked by the matte network, unless they are over white
 WHITE: Final = 0.97  # the least level of the first rows of an image over white
 MAPS_WEIGHT: Final = 0.3  # of the maps' error, beside that of the features
 CHECKED: Final = 4  # batches of validation objects
@@ -38,14 +39,13 @@ def distill(data: Path, model: Path, run: Path, config: DistillConfig, matting: 
     Raises
     ------
     FileNotFoundError : `data` lacks the objects, `hof-model data vary` or `hof-model data make`.
-    ValueError : `model` is not of `hof-model export`, or its trunk is another than lite0.
+    ValueError : `model` is not of `hof-model export`, its trunk is another than lite0, or the run is of another model.
     """
     run.mkdir(parents=True, exist_ok=True)
     teacher, trained, _ = load_encoder(model)
     drawing = replace(trained, batch=config.batch, seed=config.seed, variants=True, made=True)
     student = prepared(teacher)
     teacher.requires_grad_(requires_grad=False).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-    learner = Learner(student, _loss, config, run / "last.pt")
     examples = load_examples(data, "train", drawing.framing, variants=True, pieces=True)
     unseen = load_examples(data, "val", drawing.framing)
     keep_freed_memory()
@@ -55,10 +55,12 @@ def distill(data: Path, model: Path, run: Path, config: DistillConfig, matting: 
         return images, answers(teacher, plain)
 
     checked = [draw(step, unseen) for step in range(CHECKED)]
+    loss = DistillLoss(torch.cat([expected for _, expected in checked]), teacher.width)
+    learner = Learner(student, loss, config, run / "last.pt", origin=Encoder.open(model, threads=1).digest)
 
     @torch.no_grad()
     def check(average: ImageEncoder) -> dict[str, float]:
-        return {"error": float(np.mean([float(_loss(average, *batch)) for batch in checked]))}
+        return {"error": float(np.mean([float(loss(average, *batch)) for batch in checked]))}
 
     return learn(learner, run, draw, check)
 
@@ -103,14 +105,20 @@ def _answers(encoder: ImageEncoder, images: Tensor) -> Tensor:
     return torch.cat([features, maps.flatten(1)], dim=1)
 
 
-def _loss(student: ImageEncoder, images: Tensor, expected: Tensor) -> Tensor:
-    """Return the squared error of the features, and MAPS_WEIGHT of that of the maps, each over its variance."""
-    own = _answers(student, images)
-    total = torch.zeros(())
-    for part, weight in ((slice(student.width), 1.0), (slice(student.width, None), MAPS_WEIGHT)):
-        variance = expected[:, part].var(dim=0, unbiased=False).mean()
-        total = total + weight * (own[:, part] - expected[:, part]).square().mean() / variance
-    return total
+class DistillLoss:
+    """The squared error of the features, and MAPS_WEIGHT of that of the maps, each over its variance."""
+
+    def __init__(self, sample: Tensor, width: int) -> None:
+        """Take the variances of a teacher's answers (n, width + maps), `width` being the number of features."""
+        self._parts = [
+            (part, weight / sample[:, part].var(dim=0).mean())
+            for part, weight in ((slice(width), 1.0), (slice(width, None), MAPS_WEIGHT))
+        ]
+
+    def __call__(self, student: ImageEncoder, images: Tensor, expected: Tensor) -> Tensor:
+        """Return the loss of images (b, 3, s, s), for which the teacher answers `expected`."""
+        errors = (_answers(student, images) - expected).square()
+        return torch.stack([scale * errors[:, part].mean() for part, scale in self._parts]).sum()
 
 
 def draw_pairs(
@@ -131,7 +139,7 @@ def draw_pairs(
 
 
 def _matted(image: Tensor, matting: MattingFunction) -> Tensor:
-    """Return an image (3, s, s) as the service frames it, if it is not over white and something stands out."""
+    """Return an image (3, s, s) as the service masks it, if it is not over white and something stands out."""
     if float(image[:, :3].min()) > WHITE:
         return image
     picture = Image.fromarray((255 * image.permute(1, 2, 0)).round().to(torch.uint8).numpy())

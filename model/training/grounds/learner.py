@@ -33,10 +33,21 @@ class Learner:
         config: Budget,
         checkpoint: Path,
         rates: Mapping[nn.Module, float] | None = None,
+        origin: str = "",
     ) -> None:
-        """Go on from `checkpoint` if it exists. `rates`: shares of the learning rate for parts of the network."""
+        """Go on from `checkpoint` if it exists.
+
+        Parameters
+        ----------
+        rates : shares of the learning rate for parts of the network.
+        origin : digest of the model that the network was taken from.
+
+        Raises
+        ------
+        ValueError : the checkpoint is of another origin.
+        """
         torch.manual_seed(config.seed)
-        self._config, self._loss_of = config, loss
+        self._config, self._loss_of, self._origin = config, loss, origin
         self.step, self.elapsed_s, self.loss = 0, 0.0, 0.0
         self.network = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.average = copy.deepcopy(self.network).eval()
@@ -48,6 +59,8 @@ class Learner:
         )
         if checkpoint.exists():
             saved = torch.load(checkpoint, weights_only=True)
+            if saved.get("origin", origin) != origin:
+                raise ValueError(f"{checkpoint} is a run of another model: name another folder with --run")
             self.network.load_state_dict(saved["network"])
             self.average.load_state_dict(saved["average"])
             self._optimizer.load_state_dict(saved["optimizer"])
@@ -88,6 +101,7 @@ class Learner:
             "optimizer": self._optimizer.state_dict(),
             "step": self.step,
             "elapsed_s": self.elapsed_s,
+            "origin": self._origin,
         }
         with whole_file(path) as file:
             torch.save(saved, file)

@@ -32,6 +32,7 @@ def train_matte(data: Path, run: Path, config: MatteConfig) -> Path:
     """
     run.mkdir(parents=True, exist_ok=True)
     checkpoint = run / "last.pt"
+    torch.manual_seed(config.seed)
     network = MatteNetwork() if checkpoint.exists() else MatteNetwork.pretrained()
     learner = Learner(network, _loss, config, checkpoint, {network.trunk: config.pretrained_rate})
     composites = load_composites(data, "train")

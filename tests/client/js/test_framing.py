@@ -94,19 +94,22 @@ def test_photo_is_framed_as_by_the_service(npm: Run, built: Path, tmp_path: Path
 MATTE = """
 import { readFile, writeFile } from "node:fs/promises";
 import { frame, Matting } from "hof-client/encoder";
-const [source, model, target, width, height, size, ratio] = process.argv.slice(1);
+const [source, model, target, seen, width, height, size, ratio] = process.argv.slice(1);
 const data = new Uint8ClampedArray(await readFile(source));
 const photo = { data, width: Number(width), height: Number(height) };
 const matting = await Matting.open(new Uint8Array(await readFile(model)));
 const matteOf = (image) => matting.matteOf(image);
-await writeFile(target, await matteOf(photo));
+await writeFile(target, await matteOf(photo)); // without the photo's transparency
 const { tensor, ...report } = await frame(photo, Number(size), Number(ratio), "auto", matteOf);
+await writeFile(seen, tensor);
 console.log(JSON.stringify(report));
 """
 OVER_PHOTOGRAPHS: dict[str, Callable[[], Image.Image]] = {
     "cup": PHOTOS["coffee"],
     "chair on grass": lambda: _before("chair.png", skimage.data.grass(), (512, 512)),
     "small chair on gravel": lambda: _before("armchair.png", skimage.data.gravel(), (700, 500)),
+    "chair at the edge": lambda: _before("chair.png", skimage.data.grass(), (512, 512)).crop((100, 150, 400, 480)),
+    "rounded": lambda: _framed(_before("chair.png", skimage.data.grass(), (512, 512))),
 }
 
 
@@ -124,7 +127,7 @@ def test_photo_before_any_background_is_cut_out_as_by_the_service(
 ) -> None:
     image = OVER_PHOTOGRAPHS[name]()
     (tmp_path / "photo.rgba").write_bytes(image.convert("RGBA").tobytes())
-    files = (str(tmp_path / "photo.rgba"), str(SHIPPED_MATTING), str(tmp_path / "matte"))
+    files = (str(tmp_path / "photo.rgba"), str(SHIPPED_MATTING), str(tmp_path / "matte"), str(tmp_path / "tensor.f32"))
     numbers = (*image.size, SIZE, RATIO)
     report = json.loads(npm("node", "--input-type=module", "--eval", MATTE, *files, *map(str, numbers)))
     matting = Matting.of(SHIPPED_MATTING, 1)
@@ -134,6 +137,8 @@ def test_photo_before_any_background_is_cut_out_as_by_the_service(
     np.testing.assert_allclose(report["box"], crop.box, atol=1)
     assert report["confidence"] == pytest.approx(crop.confidence, abs=1e-3)
     matte = np.fromfile(tmp_path / "matte", np.uint8).reshape(image.height, image.width)
-    difference = np.abs(matte.astype(int) - matting(image))
+    difference = np.abs(matte.astype(int) - matting(image.convert("RGB")))
     assert difference.mean() < 0.5
     assert np.quantile(difference, 0.999) <= 8
+    tensor = np.fromfile(tmp_path / "tensor.f32", np.float32).reshape(1, 3, SIZE, SIZE)
+    assert np.abs(tensor - over_white(crop.rgba)).mean() < 2 * LEVEL

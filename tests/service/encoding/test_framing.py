@@ -1,5 +1,6 @@
 """Framing: the part of a photo that an encoder sees, and how it is reported."""
 
+import io
 from typing import Any
 
 import numpy as np
@@ -197,6 +198,22 @@ def test_preprocess_by_matting_leaves_no_trace_of_transparent_pixels() -> None:
     tensor = preprocess(image_file(photo), FRAMING, matting=_middle).tensor[0]
     assert (tensor[:, 0, 63] == 1).all()
     assert (tensor[:, 1:, 63] < 1).all()
+
+
+def test_preprocess_by_matting_keeps_the_object_of_a_half_transparent_photo() -> None:
+    photo = _colors((64, 64))
+    opaque = preprocess(image_file(photo), FRAMING, matting=_middle).tensor
+    photo.putalpha(100)
+    half = preprocess(image_file(photo), FRAMING, matting=_middle).tensor
+    np.testing.assert_allclose(half[..., 16:48], opaque[..., 16:48], atol=1e-6)
+
+
+def test_preprocess_by_matting_keeps_no_trace_in_the_thumbnail() -> None:
+    thumbnail = preprocess(image_file(_colors((64, 64))), FRAMING, matting=_middle, thumbnail=True).thumbnail
+    assert thumbnail is not None
+    levels = np.asarray(Image.open(io.BytesIO(thumbnail)).convert("RGB"))
+    assert (levels[:, 130:] >= 253).all()
+    assert levels[:, 60:100].mean() < 150
 
 
 @pytest.mark.parametrize(

@@ -87,7 +87,7 @@ function wayInto(low: number, side: number, length: number): number {
 
 /** A matte that leaves a trace of what it removes: it may have been the object. */
 function withTrace(matte: Matte, { data }: Pixels): Matte {
-  return matte.map((value, at) => Math.min(Math.max(value, TRACE), data[4 * at + 3]));
+  return matte.map((value, at) => Math.max(value, Math.min(TRACE, data[4 * at + 3])));
 }
 
 function withAlpha(image: Pixels, matte: Matte): Pixels {

@@ -15,7 +15,7 @@ from model.data.manifest import Manifest, variant_file
 from model.export import export
 from model.networks.color_head import ColorHead, color_spec, look
 from model.networks.encoder import ImageEncoder
-from model.training.grounds.distill import _loss, _matted, answers, distill, draw_pairs, prepared
+from model.training.grounds.distill import DistillLoss, _matted, answers, distill, draw_pairs, prepared
 from service.encoding.encoder import Encoder
 from service.encoding.masks import TRACE, Matte
 from service.encoding.matting import Matting
@@ -69,7 +69,7 @@ def test_prepared_of_another_trunk_raises_value_error() -> None:
         prepared(encoder)
 
 
-def test_prepared_freezes_the_last_layer_alone() -> None:
+def test_prepared_freezes_the_last_layer_and_the_stem_alone() -> None:
     student = prepared(ImageEncoder(CONFIG.spec, CONFIG.encoder, SIZE))
     frozen = {name for name, weight in student.named_parameters() if not weight.requires_grad}
     assert frozen - {"features.lite0.stem.weight", "features.lite0.stem.bias"} == {
@@ -81,19 +81,27 @@ def test_prepared_freezes_the_last_layer_alone() -> None:
 def test_loss_of_the_same_images_is_zero_and_of_others_is_not() -> None:
     teacher = ImageEncoder(CONFIG.spec, CONFIG.encoder, SIZE).eval()
     student, images = prepared(teacher).eval(), torch.rand(3, 3, SIZE, SIZE)
+    expected = answers(teacher, images)
+    loss = DistillLoss(expected, teacher.width)
     with torch.no_grad():
-        same, other = (float(_loss(student, shown, answers(teacher, images))) for shown in (images, images.flip(0)))
+        same, other = (float(loss(student, shown, expected)) for shown in (images, images.flip(0)))
     assert same < 1e-6
     assert other > 0.1
 
 
-def test_draw_pairs_differ_by_the_background_alone(data: Path) -> None:
+def test_draw_pairs_are_of_the_same_views(data: Path) -> None:
     examples = load_examples(data, "train", CONFIG.framing, variants=True, pieces=True)
     images, plain = draw_pairs(examples, replace(CONFIG, batch=16), 0, None)
     assert images.shape == plain.shape == (16, 3, SIZE, SIZE)
     again = draw_pairs(examples, replace(CONFIG, batch=16), 0, None)
     assert torch.equal(images, again[0])
     assert (plain[:, :, 0] > 0.99).all()
+    is_object = (plain < 0.9).any(dim=1).flatten(1).float()
+    darkness = (1 - images.mean(dim=1)).flatten(1)
+    over_white = (images[:, :, 0] > 0.97).flatten(1).all(dim=1)
+    alike = torch.corrcoef(torch.cat([darkness, is_object]))[:16, 16:]
+    assert over_white.any()
+    assert (alike[over_white].argmax(dim=1) == torch.arange(16)[over_white]).float().mean() > 0.7
     assert (images[:, :, 0] < 0.97).flatten(1).any(dim=1).float().mean() > 0.5
 
 
@@ -114,7 +122,17 @@ def test_distill_goes_on_from_its_checkpoint(data: Path, model: Path, tmp_path: 
     first = torch.load(distill(data, model, tmp_path, config, matting), weights_only=True)
     later = torch.load(distill(data, model, tmp_path, replace(config, minutes=0.05), matting), weights_only=True)
     assert 0 < first["step"] < later["step"]
+    assert all(weight.isfinite().all() for weight in later["average"].values())
     assert "error" in (tmp_path / "log.jsonl").read_text()
+
+
+@pytest.mark.slow
+def test_distill_of_a_run_of_another_model_raises_value_error(data: Path, model: Path, tmp_path: Path) -> None:
+    config, matting = DistillConfig(minutes=0.01, batch=4), Matting(SHIPPED_MATTING, 1)
+    run = distill(data, model, tmp_path, config, matting)
+    torch.save(torch.load(run, weights_only=True) | {"origin": "another"}, run)
+    with pytest.raises(ValueError, match="is a run of another model: name another folder with --run"):
+        distill(data, model, tmp_path, config, matting)
 
 
 @pytest.mark.slow
