@@ -7,12 +7,16 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
+from PIL import Image
 
 from model.data.manifest import COLORS, Entry, Manifest
 from model.evaluation.evaluate import framed
 from model.evaluation.references.features import FRAMING, Features, training_bank
 from model.metrics import nearest_distances
-from service.encoding.masks import MattingFunction
+from service.encoding.decode import decode
+from service.encoding.framing import frame
+from service.encoding.masks import MATTING_FLOOR, MattingFunction
+from service.encoding.pixels import over_white
 
 Floats = npt.NDArray[np.float32]
 Bytes = npt.NDArray[np.uint8]
@@ -85,7 +89,7 @@ class Retrieval:
         self._matting = matting
 
     def __call__(self, photo: bytes, n: int) -> Floats:
-        """Return n points of the matching object (n, 3) for an image file, framed as the service frames it."""
+        """Return n points of the matching object (n, 3) for an image file, its object cut out as the service does."""
         points: Floats = self._training.points[self._match(photo), :n]
         return points
 
@@ -98,7 +102,17 @@ class Retrieval:
         return points, colors
 
     def _match(self, photo: bytes) -> int:
-        return self._bank.most_similar(self._features(framed(photo, FRAMING, self._matting).tensor)[0])
+        return self._bank.most_similar(self._features(self._tensor(photo))[0])
+
+    def _tensor(self, photo: bytes) -> Floats:
+        """Frame a photo; what a network's mask removes goes whole, as a trace of it costs the features more."""
+        whole = framed(photo, FRAMING, self._matting)
+        if whole.mask != "matting" or self._matting is None:
+            return whole.tensor
+        image = decode(photo).convert("RGB")
+        matte = self._matting(image)
+        image.putalpha(Image.fromarray(np.where(matte > MATTING_FLOOR, matte, 0).astype(np.uint8)))
+        return over_white(frame(image, FRAMING).rgba)
 
 
 def nearest_cloud(

@@ -221,7 +221,7 @@ function showFraming({ mask, box: [left, top, right, bottom], confidence, width,
   caption.textContent = `${text(MASKS[mask])}${sure}.`;
 }
 
-/** Show what the encoder saw of the photo: the object without its background. */
+/** Show the object of the photo without its background. */
 async function showCutOut(object, mine) {
   const address = await fetchPhoto(object);
   if (current === mine) {
