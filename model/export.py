@@ -72,12 +72,22 @@ def export(
     differences = parity(encoder, config, exported)
     if color:
         differences |= color_parity(ColoredEncoder(encoder, color), config, exported)
+    write_checked(data, differences, output)
+    return differences
+
+
+def write_checked(data: bytes, differences: Mapping[str, float], output: Path) -> None:
+    """Write an exported encoder, whole or not at all.
+
+    Raises
+    ------
+    ValueError : torch, onnxruntime and NumPy disagree by more than TOLERANCE.
+    """
     if max(differences.values()) > TOLERANCE:
         raise ValueError(f"torch, onnxruntime and NumPy disagree: {differences}, the limit is {TOLERANCE}")
     output.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(output) as file:
         file.write(data)
-    return differences
 
 
 def _metadata(config: TrainConfig, card: dict[str, Any], color: ColorHead | None) -> dict[str, str | dict[str, Any]]:

@@ -9,10 +9,9 @@ import onnx
 from onnx import helper, numpy_helper
 
 from model.config import TrainConfig
-from model.export import TOLERANCE, parity, round_matrices
+from model.export import parity, round_matrices, write_checked
 from model.networks.encoder import ImageEncoder
 from service.encoding.encoder import Encoder
-from service.files import whole_file
 
 PREFIXES = ("encoder.", "")  # of the names of an encoder's weights, with a color head and without
 
@@ -39,11 +38,7 @@ def export_distilled(
     helper.set_model_props(model, entries | {"hof.card": json.dumps(card, ensure_ascii=False)})
     data = model.SerializeToString()
     differences = parity(encoder, config, Encoder(data, threads=1))
-    if max(differences.values()) > TOLERANCE:
-        raise ValueError(f"torch, onnxruntime and NumPy disagree: {differences}, the limit is {TOLERANCE}")
-    output.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(output) as target:
-        target.write(data)
+    write_checked(data, differences, output)
     return differences
 
 

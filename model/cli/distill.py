@@ -28,11 +28,10 @@ def _distill(arguments: argparse.Namespace) -> None:
     from model.evaluation.comparison import encoder_record
     from model.export_distilled import export_distilled
     from model.provenance import provenance
-    from model.report.card import figures, page
+    from model.report.card import figures, write_page
     from model.training.grounds.distill import distill, load_distilled
     from service.encoding.encoder import Encoder
     from service.encoding.matting import Matting
-    from service.files import whole_file
 
     config, model, output = DistillConfig(**values(arguments, DistillConfig)), arguments.model, arguments.output
     card = Encoder.open(model, threads=1).card
@@ -47,6 +46,4 @@ def _distill(arguments: argparse.Namespace) -> None:
         measured = encoder_record(Encoder.open(unmeasured, threads=1), arguments.data, "test", config.seed)
     card["figures"] |= figures(list(measured.evaluations))
     export_distilled(model, encoder, trained, card, output)
-    with whole_file(output.with_suffix(".md")) as file:
-        file.write(page(card, trained.spec.size, output.stat().st_size).encode())
-    print(f"{output}: {output.stat().st_size:,} bytes")
+    write_page(card, trained.spec.size, output)

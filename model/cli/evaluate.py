@@ -140,10 +140,9 @@ def _export(arguments: argparse.Namespace) -> None:
     from model.evaluation.paper.completion import measure_completion
     from model.export import export
     from model.networks.color_head import load
-    from model.report.card import figures, make_card, page
+    from model.report.card import figures, make_card, write_page
     from model.training.checkpoints import chosen_checkpoint, load_encoder
     from service.encoding.encoder import Encoder
-    from service.files import whole_file
 
     trained, config, run = load_encoder(chosen_checkpoint(arguments.folder))
     color, color_training = load(arguments.folder, trained, config.spec) or (None, None)
@@ -162,9 +161,7 @@ def _export(arguments: argparse.Namespace) -> None:
             evaluations = [*own, *references(arguments.data, "test", arguments.seed)]
     card["figures"] = figures(evaluations)
     export(trained, config, card, output, color)
-    with whole_file(output.with_suffix(".md")) as file:
-        file.write(page(card, config.spec.size, output.stat().st_size).encode())
-    print(f"{output}: {output.stat().st_size:,} bytes")
+    write_page(card, config.spec.size, output)
 
 
 def _mixtures(arguments: argparse.Namespace) -> None:

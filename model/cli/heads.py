@@ -45,10 +45,9 @@ def add_stages(stages: "argparse._SubParsersAction[argparse.ArgumentParser]") ->
 
 def _heads(arguments: argparse.Namespace) -> None:
     from model.export import attach
-    from model.report.card import page
+    from model.report.card import write_page
     from model.training.train_heads import train_heads
     from service.encoding.encoder import Encoder
-    from service.files import whole_file
 
     config = HeadsConfig(**values(arguments, HeadsConfig))
     observations = _observations(arguments, config)
@@ -58,9 +57,7 @@ def _heads(arguments: argparse.Namespace) -> None:
     output: Path = arguments.output
     for quantity, difference in attach(arguments.model, heads, card, output).items():
         print(f"{quantity}: {difference:.1e}")
-    with whole_file(output.with_suffix(".md")) as file:
-        file.write(page(card, encoder.spec.size, output.stat().st_size).encode())
-    print(f"{output}: {output.stat().st_size:,} bytes")
+    write_page(card, encoder.spec.size, output)
 
 
 def _observations(arguments: argparse.Namespace, config: HeadsConfig) -> "Observations":

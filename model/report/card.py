@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Collection
+from pathlib import Path
 from typing import Any
 
 from model.config import POINT_TRUNKS, TrainConfig
@@ -11,6 +12,7 @@ from model.evaluation.evaluate import Evaluation
 from model.metrics import NAMES, interval
 from model.provenance import provenance
 from model.report.tables import table
+from service.files import whole_file
 
 TRUNKS = {
     "dense": "the paper's DenseNet, trained from scratch",
@@ -172,6 +174,14 @@ def _input(config: dict[str, Any]) -> tuple[str, str, str, str]:
         f"images of {config['framing']['size']} pixels a side",
         "4 of 24 views",
     )
+
+
+def write_page(card: dict[str, Any], parameters: int, file: Path) -> None:
+    """Write the card beside a model's file as a Markdown page, and print the file's size."""
+    size = file.stat().st_size
+    with whole_file(file.with_suffix(".md")) as target:
+        target.write(page(card, parameters, size).encode())
+    print(f"{file}: {size:,} bytes")
 
 
 def page(card: dict[str, Any], parameters: int, bytes_: int) -> str:

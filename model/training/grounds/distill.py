@@ -16,11 +16,11 @@ from PIL import Image
 from torch import Tensor
 
 from model.config import DistillConfig, TrainConfig
-from model.data.augment import ANY_LIGHT, augment
+from model.data.augment import augment
 from model.data.dataset import Examples, draw_views, load_examples, plain_images
 from model.networks.encoder import ImageEncoder, LiteMaps, channels_last
 from model.training.checkpoints import load_encoder
-from model.training.grounds.learner import Batch, Learner, learn
+from model.training.grounds.learner import Batch, Learner, learn, load_average
 from model.training.memory import keep_freed_memory
 from service.encoding.encoder import Encoder
 from service.encoding.framing import MIN_CONFIDENCE, with_trace
@@ -73,10 +73,7 @@ def load_distilled(model: Path, checkpoint: Path) -> tuple[ImageEncoder, TrainCo
     FileNotFoundError : there is no such file.
     """
     encoder, config, _ = load_encoder(model)
-    with checkpoint.open("rb") as file:
-        saved = torch.load(file, weights_only=True)
-    encoder.load_state_dict(saved["average"])
-    return encoder.eval(), config, {"steps": saved["step"], "minutes": round(saved["elapsed_s"] / 60, 1)}
+    return encoder, config, load_average(encoder, checkpoint)
 
 
 def prepared(teacher: ImageEncoder) -> ImageEncoder:
@@ -128,7 +125,7 @@ def draw_pairs(
     rng = np.random.default_rng([config.seed, step])
     crops = np.stack([shape.crops[view] for shape, view in draw_views(examples, config, step, rng)])
     views, size = torch.from_numpy(crops), config.framing.size
-    images = augment(views.permute(0, 3, 1, 2), size, rng, examples.photographs, ANY_LIGHT, SHARES)
+    images = augment(views.permute(0, 3, 1, 2), size, rng, examples.photographs, shares=SHARES)
     plain = plain_images(views, size)
     if matting:
         for index in np.flatnonzero(rng.random(len(images)) < MATTED_SHARE):

@@ -46,7 +46,6 @@ class Learner:
         ------
         ValueError : the checkpoint is of another origin.
         """
-        torch.manual_seed(config.seed)
         self._config, self._loss_of, self._origin = config, loss, origin
         self.step, self.elapsed_s, self.loss = 0, 0.0, 0.0
         self.network = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
@@ -58,15 +57,18 @@ class Learner:
             [{"params": rest, "rate": 1.0}, *groups], weight_decay=config.weight_decay, fused=True
         )
         if checkpoint.exists():
-            saved = torch.load(checkpoint, weights_only=True)
-            if saved.get("origin", origin) != origin:
-                raise ValueError(f"{checkpoint} is a run of another model: name another folder with --run")
-            self.network.load_state_dict(saved["network"])
-            self.average.load_state_dict(saved["average"])
-            self._optimizer.load_state_dict(saved["optimizer"])
-            self.step, self.elapsed_s = saved["step"], saved["elapsed_s"]
+            self._resume(checkpoint)
         self._cores = os.cpu_count() or 1
         self._pool = compute_threads(self._cores, threads_each=1)
+
+    def _resume(self, checkpoint: Path) -> None:
+        saved = torch.load(checkpoint, weights_only=True)
+        if saved.get("origin", self._origin) != self._origin:
+            raise ValueError(f"{checkpoint} is a run of another model: name another folder with --run")
+        self.network.load_state_dict(saved["network"])
+        self.average.load_state_dict(saved["average"])
+        self._optimizer.load_state_dict(saved["optimizer"])
+        self.step, self.elapsed_s = saved["step"], saved["elapsed_s"]
 
     @property
     def progress(self) -> float:
@@ -105,6 +107,19 @@ class Learner:
         }
         with whole_file(path) as file:
             torch.save(saved, file)
+
+
+def load_average(network: nn.Module, checkpoint: Path) -> dict[str, Any]:
+    """Load the averaged weights of a checkpoint; return how long they were trained: steps and minutes.
+
+    Raises
+    ------
+    FileNotFoundError : there is no such file.
+    """
+    with checkpoint.open("rb") as file:
+        saved = torch.load(file, weights_only=True)
+    network.load_state_dict(saved["average"])
+    return {"steps": saved["step"], "minutes": round(saved["elapsed_s"] / 60, 1)}
 
 
 def learn(learner: Learner, run: Path, draw: Callable[[int], Batch], check: Callable[[Any], dict[str, float]]) -> Path:

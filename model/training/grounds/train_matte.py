@@ -14,7 +14,7 @@ from model.data.rendering.composites import Composites
 from model.data.sources.photographs import photograph_files, scenery_files, surface_files
 from model.networks.encoder import channels_last
 from model.networks.matte import MatteNetwork
-from model.training.grounds.learner import Batch, Learner, learn
+from model.training.grounds.learner import Batch, Learner, learn, load_average
 from model.training.memory import keep_freed_memory
 
 OWN_VIEWS: Final = 8  # of each object, evenly spread over its ring
@@ -55,11 +55,8 @@ def load_matte(checkpoint: Path) -> tuple[MatteNetwork, dict[str, Any]]:
     ------
     FileNotFoundError : there is no such file.
     """
-    with checkpoint.open("rb") as file:
-        saved = torch.load(file, weights_only=True)
-    network = MatteNetwork()
-    network.load_state_dict(saved["average"])
-    return network.eval(), {"steps": saved["step"], "minutes": round(saved["elapsed_s"] / 60, 1)}
+    network = MatteNetwork().eval()
+    return network, load_average(network, checkpoint)
 
 
 def load_composites(data: Path, split: Split) -> Composites:
