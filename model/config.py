@@ -216,7 +216,7 @@ class DistillConfig:
     seed: int = option(0, "seed of views and augmentation", least=0)
     minutes: float = option(35.0, "budget in minutes; the learning rate falls to 0 over the budget", above=0)
     batch: int = option(64, "images per step", least=1)
-    learning_rate: float = option(5e-4, "AdamW's learning rate after warm-up", above=0)
+    learning_rate: float = option(3e-4, "AdamW's learning rate after warm-up", above=0)
     weight_decay: float = option(1e-2, "AdamW's weight decay", least=0)
 
 

@@ -98,7 +98,7 @@ def encoder_answer(encoder: Encoder, matting: MattingFunction | None = None) -> 
 
 def encode_photo(encoder: Encoder, photo: bytes, matting: MattingFunction | None = None) -> Functions:
     """Encode an image file as the service would."""
-    return encoder.encode(framed(photo, encoder.framing, matting).tensor)[0]
+    return encoder.encode_photo(framed(photo, encoder.framing, matting))
 
 
 def framed(photo: bytes, framing: Framing, matting: MattingFunction | None = None) -> Framed:

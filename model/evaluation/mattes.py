@@ -106,7 +106,7 @@ def _trials(
         elif matting:
             overlap = overlap_of(matting(Image.fromarray(picture)), mask)
         taken = framed(png(picture), encoder.framing, matting)
-        theta = encoder.encode(taken.tensor)[0].theta
+        theta = encoder.encode_photo(taken).theta
         return compare(draw(encoder.spec, theta), case.points), overlap, bool(matting) and taken.mask == "none"
 
     return trials

@@ -60,7 +60,7 @@ def _encode_photos(arguments: argparse.Namespace, settings: Settings, paths: Seq
     encoder = _encoder(settings, "image")
     matting = Matting.of(settings.matting_model, settings.threads)
     views = _framed_views(arguments, paths, first, settings, encoder, matting)
-    encoded = [encoder.encode(view.tensor)[0] for view in views]
+    encoded = [encoder.encode_photo(view) for view in views]
     reports = [ImageReport.of(view) for view in views]
     functions = averaged(encoded)
     result = _write(arguments, encoder, functions, measure(encoder.spec, functions.theta), reports[0])

@@ -4,7 +4,8 @@ Its input is an image, or points of a part of an object (`service.encoding.cloud
 """
 
 import json
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -13,7 +14,7 @@ import numpy as np
 from service.encoding import estimates
 from service.encoding.clouds import LEAST_POINTS
 from service.encoding.estimates import Estimates
-from service.encoding.framing import Framing
+from service.encoding.framing import Framed, Framing
 from service.encoding.network import Network, TensorInfo
 from service.errors import InvalidModel, InvalidSpec
 from service.mapping.spec import Array, Color, Functions, MappingSpec, check_color_spec
@@ -23,6 +24,7 @@ Input = Literal["image", "points"]
 FORMAT: Final = 1  # of the metadata; files written before this field existed lack it
 MAX_SIDE: Final = 4096  # pixels, of an encoder's input; far above any real encoder
 MAX_COUNT: Final = 65_536  # points, of an encoder's input
+FAVOR: Final = 8.0  # of the surer look at a photo: 0.1 more confidence counts 2.2 times as much
 
 
 @dataclass(frozen=True)
@@ -104,6 +106,10 @@ class Encoder:
             of_images = [Estimates.of(*row) for row in rows]
         return [Encoded(*each) for each in zip(outputs["theta"], colors, of_images, strict=True)]
 
+    def encode_photo(self, photo: Framed) -> Encoded:
+        """Compute the functions of a photo's object. Raises as `encode` does."""
+        return merged(self.encode(np.concatenate(photo.looks)))
+
     def blank(self) -> Array:
         """Return a white image, (1, 3, size, size), or points at one place: the input for warm-up and health checks."""
         return np.ones((1, *self.input_shape), np.float32)
@@ -136,6 +142,29 @@ class Encoder:
         """Raise InvalidModel if the metadata disagree with the graph."""
         _check_tensors("input", self._network.inputs, {self.takes: list(self.input_shape)})
         _check_tensors("output", self._network.outputs, self.outputs)
+
+
+def merged(looks: Sequence[Encoded]) -> Encoded:
+    """Return the functions of an object in one look at a photo or several: means in which surer looks count more.
+
+    The camera is that of the first look.
+    """
+    first = looks[0]
+    if len(looks) == 1:
+        return first
+    confidences = [each.estimates.shape_confidence if each.estimates else 0.0 for each in looks]
+    shares = np.exp(FAVOR * np.array(confidences))
+    shares /= shares.sum()
+    theta = _mean([each.theta for each in looks], shares)
+    colors = [each.color.weights for each in looks if each.color]
+    color = replace(first.color, weights=_mean(colors, shares)) if first.color else None
+    confidence = float(shares @ confidences)
+    return Encoded(theta, color, first.estimates and replace(first.estimates, shape_confidence=confidence))
+
+
+def _mean(arrays: Sequence[Array], shares: Array) -> Array:
+    mean: Array = np.average(arrays, axis=0, weights=shares).astype(np.float32)
+    return mean
 
 
 def _check_format(metadata: dict[str, str]) -> None:

@@ -3,8 +3,9 @@
 decode (limits, EXIF, every color mode) -> mask (alpha, else a uniform border, else matting if a model is loaded)
 -> square crop around the object -> resize -> composite over white -> (1, 3, size, size) float32 in [0, 1].
 
-A mask from a network can be wrong. So the square then shows less beyond the photo, and a trace of what the mask
-removes stays: the encoder loses less to wrong masks (RESULTS.md, photographs). Thumbnails show no trace.
+A mask from a network can be wrong. So the square then shows less beyond the photo, a trace of what the mask removes
+stays, and if the object is large, the encoder also looks at the whole photo: it loses less to wrong masks (RESULTS.md,
+photographs). Thumbnails show no trace.
 """
 
 import threading
@@ -18,7 +19,17 @@ from PIL import Image
 
 from service.encoding import compiled
 from service.encoding.decode import DEFAULT_MAX_PIXELS, check_stop, decode_with_size
-from service.encoding.masks import ALPHA_FLOOR, MATTING_FLOOR, TRACE, Mask, Matte, MattingFunction, matte_of
+from service.encoding.masks import (
+    ALPHA_FLOOR,
+    MATTING_FLOOR,
+    Mask,
+    Matte,
+    MattingFunction,
+    Sums,
+    matte_of,
+    sums_of,
+    with_trace,
+)
 from service.encoding.pixels import THUMBNAIL_SIDE, WORK_SIDE, over_white, reduction, thumbnail_file
 from service.errors import InvalidParameter, NoObjectFound
 
@@ -26,9 +37,8 @@ Background = Literal["auto", "keep", "remove"]
 Box = tuple[int, int, int, int]
 
 MIN_CONFIDENCE: Final = 0.7  # of a matte from a network; in 40 renders over photographs, wrong mattes had 0.42 to 0.61
-STRIP: Final = 255  # rows whose pixels a byte can count
-EXACT: Final = 64  # squares of bytes whose float32 sum is exact in any order, and a row that vectors add fast
 MOST_MOVED: Final = 0.06  # of the square's side; further from the middle, encoders make more errors
+LARGE: Final = 0.65  # of the photo's longer side; objects that are smaller are not recognized in whole photos
 MIN_FOREGROUND: Final = 5e-4  # of the image's pixels
 NO_MASK: Final = (
     "the background cannot be removed: the image has neither transparency nor a uniform border, and the service runs "
@@ -61,6 +71,7 @@ class Crop(NamedTuple):
     confidence : mean of the matte, weighted by itself: 1 if every pixel is either object or background, less
         for each pixel in between. None without a mask.
     thumbnail : the same square at THUMBNAIL_SIDE, if asked for.
+    whole : (size, size) image of the whole photo, if the mask is of a network and the object large.
     """
 
     rgba: Image.Image
@@ -68,6 +79,7 @@ class Crop(NamedTuple):
     box: Box
     confidence: float | None
     thumbnail: Image.Image | None = None
+    whole: Image.Image | None = None
 
 
 @dataclass(frozen=True)
@@ -80,6 +92,7 @@ class Framed:
     confidence : confidence of the mask, as in `Crop`.
     width, height : size of the upright image, pixels.
     thumbnail : a small picture of the object, a file; None unless asked for.
+    whole : the whole photo as a second input, like `tensor`, if the mask is of a network and the object large.
     """
 
     tensor: npt.NDArray[np.float32]
@@ -89,20 +102,12 @@ class Framed:
     width: int
     height: int
     thumbnail: bytes | None = None
+    whole: npt.NDArray[np.float32] | None = None
 
-
-@dataclass(frozen=True)
-class _Sums:
-    """Sums over a matte.
-
-    rows, columns : number of pixels above a floor in each row, (H,), and column, (W,).
-    total, squares : sum of the matte's values, and of their squares.
-    """
-
-    rows: npt.NDArray[np.int32]
-    columns: npt.NDArray[np.int32]
-    total: int
-    squares: int
+    @property
+    def looks(self) -> list[npt.NDArray[np.float32]]:
+        """The encoder's inputs, one or two."""
+        return [self.tensor] if self.whole is None else [self.tensor, self.whole]
 
 
 def frame(
@@ -127,23 +132,24 @@ def frame(
     if matte is None:
         if background == "remove":
             raise InvalidParameter(NO_MASK, field="background")
-        rgba, *small = _squares(work, None, _square((0, 0, *work.size), 1.0), sizes)
-        return Crop(rgba, mask, (0, 0, *image.size), None, *small)
+        rgba, *thumbnails = _whole(work, sizes)
+        return Crop(rgba, mask, (0, 0, *image.size), None, *thumbnails)
     matte = np.ascontiguousarray(matte)
-    sums = _sums_of(matte, MATTING_FLOOR if mask == "matting" else ALPHA_FLOOR)
+    sums = sums_of(matte, MATTING_FLOOR if mask == "matting" else ALPHA_FLOOR)
     box = _foreground_box(sums)
     confidence = sums.squares / sums.total / 255
     if mask == "matting" and confidence < MIN_CONFIDENCE:
         raise NoObjectFound("no object found in the image: nothing in it stands out clearly enough", field="image")
-    square, opacity = _square(box, framing.foreground_ratio), matte
+    square, opacity, whole = _square(box, framing.foreground_ratio), matte, None
     if mask == "matting":
         square, opacity = _within(square, work.size), with_trace(matte, work)
+        whole = _whole(work, sizes[:1])[0] if _is_large(box, work.size) else None
     (rgba,) = _squares(work, opacity, square, sizes[:1])
-    small = _squares(work, matte, square, sizes[1:]) if thumbnail else []
+    small = _squares(work, matte, square, sizes[1:])[0] if thumbnail else None
     width, height = image.size
     left, top, right, bottom = (factor * edge for edge in box)
     box = (left, top, min(right, width), min(bottom, height))
-    return Crop(rgba, mask, box, confidence, *small)
+    return Crop(rgba, mask, box, confidence, small, whole)
 
 
 def preprocess(
@@ -167,46 +173,11 @@ def preprocess(
     left, top, right, bottom = crop.box
     box = (round(left * x), round(top * y), round(right * x), round(bottom * y))
     small = thumbnail_file(crop.thumbnail) if crop.thumbnail else None
-    return Framed(over_white(crop.rgba), crop.mask, box, crop.confidence, width, height, small)
+    whole = over_white(crop.whole) if crop.whole else None
+    return Framed(over_white(crop.rgba), crop.mask, box, crop.confidence, width, height, small, whole)
 
 
-def with_trace(matte: Matte, image: Image.Image) -> Matte:
-    """Return a matte (H, W) that leaves a trace of what it removes from an RGB or RGBA image."""
-    alpha = np.asarray(image.getchannel("A")) if image.mode == "RGBA" else np.uint8(255)
-    trace: Matte = np.maximum(matte, np.minimum(alpha, np.uint8(TRACE)))  # what is transparent leaves none
-    return trace
-
-
-def _sums_of(matte: Matte, floor: int) -> _Sums:
-    """Sum a matte (H, W), and count its pixels above a floor."""
-    pixels = compiled.load()
-    if pixels is None:
-        return _numpy_sums_of(matte, floor)
-    rows, columns = np.empty(matte.shape[0], np.int32), np.empty(matte.shape[1], np.int32)
-    total, squares = pixels.summary(matte, floor, rows, columns)
-    return _Sums(rows, columns, total, squares)
-
-
-def _numpy_sums_of(matte: Matte, floor: int) -> _Sums:
-    """Compute what `_sums_of` returns, without the compiled functions."""
-    solid = (matte > floor).view(np.uint8)
-    rows = np.bitwise_count(np.packbits(solid, axis=1)).sum(axis=1, dtype=np.int32)
-    strips = [solid[top : top + STRIP].sum(axis=0, dtype=np.uint8) for top in range(0, len(solid), STRIP)]
-    values = matte[_extent(matte.max(axis=1)), _extent(matte.max(axis=0))].ravel().astype(np.float32)
-    whole = len(values) // EXACT * EXACT
-    parts = values[:whole].reshape(-1, EXACT), values[None, whole:]
-    total = sum(float(part.sum(axis=1).sum(dtype=np.float64)) for part in parts)
-    squares = sum(float(np.vecdot(part, part).sum(dtype=np.float64)) for part in parts)
-    return _Sums(rows, np.sum(strips, axis=0, dtype=np.int32), int(total), int(squares))
-
-
-def _extent(values: Matte) -> slice:
-    """Return the range from the first to the last value (n,) above 0; an empty one if there is none."""
-    places = np.flatnonzero(values)
-    return slice(places[0], places[-1] + 1) if len(places) else slice(0)
-
-
-def _foreground_box(sums: _Sums) -> Box:
+def _foreground_box(sums: Sums) -> Box:
     """Return the bounding box of the pixels above the floor, without specks. Raises NoObjectFound."""
     if sums.rows.sum() / (len(sums.rows) * len(sums.columns)) < MIN_FOREGROUND:
         raise NoObjectFound("no object found in the image: nothing stands out from its background", field="image")
@@ -239,6 +210,17 @@ def _squares(image: Image.Image, matte: Matte | None, square: Box, sizes: Sequen
     for rgba in results.values():
         pixels.square(picture, matte, left, top, side, rgba)
     return [Image.fromarray(results[size]) for size in sizes]
+
+
+def _whole(image: Image.Image, sizes: Sequence[int]) -> list[Image.Image]:
+    """Resize an image, RGBA, to (size, size) for each size, with a margin along its longer sides."""
+    return _squares(image, None, _square((0, 0, *image.size), 1.0), sizes)
+
+
+def _is_large(box: Box, size: tuple[int, int]) -> bool:
+    """Return whether a box takes LARGE of a picture's longer side."""
+    left, top, right, bottom = box
+    return max(right - left, bottom - top) >= LARGE * max(size)
 
 
 def _cut_out(image: Image.Image, alpha: Image.Image | None, square: Box) -> Image.Image:

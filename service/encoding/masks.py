@@ -1,6 +1,7 @@
-"""The object's matte in a photo: from its transparency, from a uniform border, or from a matting network."""
+"""The object's matte in a photo: from its transparency, from a uniform border, or from a network. And its sums."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
@@ -19,7 +20,23 @@ TRACE: Final = 20  # of 255; that much of a pixel stays where a network removes 
 MIN_TRANSPARENT: Final = 0.05  # of the pixels; less is rounded corners or stray pixels, and separates nothing
 BORDER_TOLERANCE: Final = 12  # of 255, largest channel difference to the border's median
 BORDER_SOFTNESS: Final = 16  # of 255, a power of 2; over this the matte rises from 0 to 1
+STRIP: Final = 255  # rows whose pixels a byte can count
+EXACT: Final = 64  # squares of bytes whose float32 sum is exact in any order, and a row that vectors add fast
 BORDER_SHARE: Final = 0.8  # of the border's pixels must be alike for a uniform border
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Sums over a matte.
+
+    rows, columns : number of pixels above a floor in each row, (H,), and column, (W,).
+    total, squares : sum of the matte's values, and of their squares.
+    """
+
+    rows: npt.NDArray[np.int32]
+    columns: npt.NDArray[np.int32]
+    total: int
+    squares: int
 
 
 def matte_of(image: Image.Image, matting: MattingFunction | None) -> tuple[Mask, Matte | None]:
@@ -33,6 +50,13 @@ def matte_of(image: Image.Image, matting: MattingFunction | None) -> tuple[Mask,
     if matte is not None:
         return "border", matte
     return ("matting", matting(image)) if matting else ("none", None)
+
+
+def with_trace(matte: Matte, image: Image.Image) -> Matte:
+    """Return a matte (H, W) that leaves a trace of what it removes from an RGB or RGBA image."""
+    alpha = np.asarray(image.getchannel("A")) if image.mode == "RGBA" else np.uint8(255)
+    trace: Matte = np.maximum(matte, np.minimum(alpha, np.uint8(TRACE)))  # what is transparent leaves none
+    return trace
 
 
 def _separates(alpha: Matte) -> bool:
@@ -106,3 +130,32 @@ def _ring(pixels: npt.NDArray[np.uint8], edge: int) -> npt.NDArray[np.uint8]:
     """Return the pixels within `edge` of a side, corners twice: (H, W, ...) -> (n, ...)."""
     sides = (pixels[:edge], pixels[-edge:], pixels[:, :edge], pixels[:, -edge:])
     return np.concatenate([side.reshape(-1, *pixels.shape[2:]) for side in sides])
+
+
+def sums_of(matte: Matte, floor: int) -> Sums:
+    """Sum a matte (H, W), and count its pixels above a floor."""
+    pixels = compiled.load()
+    if pixels is None:
+        return _numpy_sums_of(matte, floor)
+    rows, columns = np.empty(matte.shape[0], np.int32), np.empty(matte.shape[1], np.int32)
+    total, squares = pixels.summary(matte, floor, rows, columns)
+    return Sums(rows, columns, total, squares)
+
+
+def _numpy_sums_of(matte: Matte, floor: int) -> Sums:
+    """Compute what `sums_of` returns, without the compiled functions."""
+    solid = (matte > floor).view(np.uint8)
+    rows = np.bitwise_count(np.packbits(solid, axis=1)).sum(axis=1, dtype=np.int32)
+    strips = [solid[top : top + STRIP].sum(axis=0, dtype=np.uint8) for top in range(0, len(solid), STRIP)]
+    values = matte[_extent(matte.max(axis=1)), _extent(matte.max(axis=0))].ravel().astype(np.float32)
+    whole = len(values) // EXACT * EXACT
+    parts = values[:whole].reshape(-1, EXACT), values[None, whole:]
+    total = sum(float(part.sum(axis=1).sum(dtype=np.float64)) for part in parts)
+    squares = sum(float(np.vecdot(part, part).sum(dtype=np.float64)) for part in parts)
+    return Sums(rows, np.sum(strips, axis=0, dtype=np.int32), int(total), int(squares))
+
+
+def _extent(values: Matte) -> slice:
+    """Return the range from the first to the last value (n,) above 0; an empty one if there is none."""
+    places = np.flatnonzero(values)
+    return slice(places[0], places[-1] + 1) if len(places) else slice(0)

@@ -10,7 +10,7 @@ from service.encoding.masks import Mask
 from service.mapping.spec import Array, Functions, MappingSpec
 
 ID_DIGITS: Final = 32  # hexadecimal: 128 bits
-MATTED_FRAMING: Final = 2  # raise with each change of how photos are framed whose mask is of a network
+MATTED_FRAMING: Final = 3  # raise with each change of how photos are framed whose mask is of a network
 MAX_QUOTED: Final = 64  # characters of a malformed id that an error repeats
 
 

@@ -1,8 +1,9 @@
 """Distill an exported encoder (`hof-model distill`): it learns to answer with a background as it does over white.
 
-The teacher is the encoder as it was. Its features and maps of a view over white are what the encoder should answer to
-the same view before a background: to the picture as it is, or as a matte network's mask leaves it, right or wrong. What
-reads the features stays as it is: theta's last layer, the color head, the heads of the estimates.
+The teacher is the encoder as it was. Its features and maps of a view over white, and the points of its theta, are what
+the encoder should answer to the same view before a background: to the picture as it is, or as the service frames it
+with a mask of a matte network, right or wrong. What reads the features stays as it is: theta's last layer, the color
+head, the heads of the estimates.
 """
 
 import copy
@@ -19,17 +20,25 @@ from model.config import DistillConfig, TrainConfig
 from model.data.augment import augment
 from model.data.dataset import Examples, draw_views, load_examples, plain_images
 from model.networks.encoder import ImageEncoder, LiteMaps, channels_last
+from model.networks.mapping import power
 from model.training.checkpoints import load_encoder
 from model.training.grounds.learner import Batch, Learner, learn, load_average
 from model.training.memory import keep_freed_memory
 from service.encoding.encoder import Encoder
-from service.encoding.framing import MIN_CONFIDENCE, with_trace
+from service.encoding.framing import Framing, frame
 from service.encoding.masks import MattingFunction
+from service.encoding.pixels import over_white
+from service.errors import NoObjectFound
+from service.mapping.canonical import canonical_points
+from service.mapping.spec import MappingSpec
 
-SHARES: Final = (0.3, 0.07, 0.08, 0.15, 0.7)  # over white; of the others: flat color, gradient, texture, photographs
-MATTED_SHARE: Final = 0.3  # of the images are masked by the matte network, unless they are over white
+SHARES: Final = (0.2, 0.07, 0.08, 0.15, 0.7)  # over white; of the others: flat color, gradient, texture, photographs
+MATTED_SHARE: Final = 0.5  # of the images are masked by the matte network, unless they are over white
 WHITE: Final = 0.97  # the least level of the first rows of an image over white
-MAPS_WEIGHT: Final = 0.3  # of the maps' error, beside that of the features
+POINTS: Final = 300  # canonical points at which the thetas of teacher and student are compared
+POINTS_WEIGHT: Final = 10.0  # of the points' mean distance, in sides of the object
+FEATURES_WEIGHT: Final = 0.2  # of the features' relative error
+MAPS_WEIGHT: Final = 0.06
 CHECKED: Final = 4  # batches of validation objects
 
 
@@ -55,7 +64,7 @@ def distill(data: Path, model: Path, run: Path, config: DistillConfig, matting: 
         return images, answers(teacher, plain)
 
     checked = [draw(step, unseen) for step in range(CHECKED)]
-    loss = DistillLoss(torch.cat([expected for _, expected in checked]), teacher.width)
+    loss = DistillLoss(teacher, trained.spec, torch.cat([expected for _, expected in checked]))
     learner = Learner(student, loss, config, run / "last.pt", origin=Encoder.open(model, threads=1).digest)
 
     @torch.no_grad()
@@ -103,19 +112,29 @@ def _answers(encoder: ImageEncoder, images: Tensor) -> Tensor:
 
 
 class DistillLoss:
-    """The squared error of the features, and MAPS_WEIGHT of that of the maps, each over its variance."""
+    """The errors of features and maps, each over its variance, and the distance between the points of both thetas."""
 
-    def __init__(self, sample: Tensor, width: int) -> None:
-        """Take the variances of a teacher's answers (n, width + maps), `width` being the number of features."""
+    def __init__(self, teacher: ImageEncoder, spec: MappingSpec, sample: Tensor) -> None:
+        """Take the variances of a teacher's answers (n, width + maps)."""
+        self._head, self._spec, self._width = teacher.head, spec, teacher.width
+        self._points = torch.from_numpy(canonical_points(spec.domain, POINTS, 0))
         self._parts = [
             (part, weight / sample[:, part].var(dim=0).mean())
-            for part, weight in ((slice(width), 1.0), (slice(width, None), MAPS_WEIGHT))
+            for part, weight in ((slice(self._width), FEATURES_WEIGHT), (slice(self._width, None), MAPS_WEIGHT))
         ]
 
     def __call__(self, student: ImageEncoder, images: Tensor, expected: Tensor) -> Tensor:
         """Return the loss of images (b, 3, s, s), for which the teacher answers `expected`."""
-        errors = (_answers(student, images) - expected).square()
-        return torch.stack([scale * errors[:, part].mean() for part, scale in self._parts]).sum()
+        answered = _answers(student, images)
+        errors = (answered - expected).square()
+        drawn, true = (self._drawn(each[:, : self._width]) for each in (answered, expected))
+        parts = [scale * errors[:, part].mean() for part, scale in self._parts]
+        return torch.stack([POINTS_WEIGHT * (drawn - true).norm(dim=2).mean(), *parts]).sum()
+
+    def _drawn(self, features: Tensor) -> Tensor:
+        """Return the points of features (b, width): (b, POINTS, 3)."""
+        points = self._points.expand(len(features), -1, -1).contiguous()
+        return power(self._spec, self._head(features), points)
 
 
 def draw_pairs(
@@ -129,20 +148,18 @@ def draw_pairs(
     plain = plain_images(views, size)
     if matting:
         for index in np.flatnonzero(rng.random(len(images)) < MATTED_SHARE):
-            images[index] = _matted(images[index], matting)
+            images[index] = _matted(images[index], config.framing, matting)
     mirrored = torch.from_numpy(rng.random(len(images)) < 0.5)
     images[mirrored], plain[mirrored] = images[mirrored].flip(3), plain[mirrored].flip(3)
     return images, plain
 
 
-def _matted(image: Tensor, matting: MattingFunction) -> Tensor:
-    """Return an image (3, s, s) as the service masks it, if it is not over white and something stands out."""
+def _matted(image: Tensor, framing: Framing, matting: MattingFunction) -> Tensor:
+    """Return an image (3, s, s) as the service frames it with a mask; unchanged if it is over white or has no mask."""
     if float(image[:, :3].min()) > WHITE:
         return image
     picture = Image.fromarray((255 * image.permute(1, 2, 0)).round().to(torch.uint8).numpy())
-    matte = matting(picture)
-    levels = matte.astype(np.float64)
-    if not levels.any() or (levels**2).sum() / levels.sum() / 255 < MIN_CONFIDENCE:
+    try:
+        return torch.from_numpy(over_white(frame(picture, framing, "auto", matting).rgba)[0])
+    except NoObjectFound:
         return image
-    share = torch.from_numpy(with_trace(matte, picture)).float() / 255
-    return image * share + (1 - share)

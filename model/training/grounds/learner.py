@@ -3,9 +3,10 @@
 import copy
 import os
 import time
+from collections import deque
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import torch
 from torch import Tensor, nn
@@ -17,6 +18,8 @@ from model.training.log import LOG_EVERY, cut_log, log_line
 from model.training.optimization import set_learning_rate
 from model.training.train import CHECKPOINT_EVERY_S, compute_threads
 from service.files import whole_file
+
+LOADERS: Final = 2  # threads that make batches beside the steps
 
 Batch = tuple[Tensor, Tensor]  # images, and what the network should answer
 Loss = Callable[[Any, Tensor, Tensor], Tensor]  # takes the network
@@ -133,15 +136,15 @@ def learn(learner: Learner, run: Path, draw: Callable[[int], Batch], check: Call
     checkpoint = run / "last.pt"
     cut_log(run / "log.jsonl", learner.step)
     with (
-        compute_threads(1, threads_each=1) as loader,
+        compute_threads(LOADERS, threads_each=1) as loaders,
         (run / "log.jsonl").open("a", encoding="utf-8") as log,
         tqdm(total=1_000, initial=round(1_000 * learner.progress), unit=" thousandths", disable=None) as bar,
     ):
         start, last_save = time.monotonic() - learner.elapsed_s, time.monotonic()
-        following = loader.submit(draw, learner.step)
+        following = deque(loaders.submit(draw, learner.step + ahead) for ahead in range(LOADERS))
         while learner.progress < 1:
-            batch = following.result()
-            following = loader.submit(draw, learner.step + 1)
+            batch = following.popleft().result()
+            following.append(loaders.submit(draw, learner.step + LOADERS))
             learner.take(batch)
             learner.elapsed_s = time.monotonic() - start
             if learner.step % LOG_EVERY == 0:

@@ -119,7 +119,7 @@ def _object(setup: Setup, image: bytes) -> Entry:
     encoder, matting = opened(setup)
     framing = encoder.framing.with_ratio(setup.foreground_ratio)
     framed = preprocess(image, framing, setup.background, setup.max_pixels, matting)
-    encoded = encoder.encode(framed.tensor)[0]
+    encoded = encoder.encode_photo(framed)
     object_id = photo_id(image, framed, framing.foreground_ratio, encoder, matting)
     box = measure(encoder.spec, encoded.theta)
     return Entry(0, photo_record(object_id, framed, encoder, encoded, box), encoded)

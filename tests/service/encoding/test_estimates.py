@@ -1,13 +1,16 @@
 """Estimates of an encoder: in the encoder's answer, as text, and in files of other versions."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from service.encoding.encoder import Encoder
+from service.encoding.encoder import FAVOR, Encoded, Encoder, merged
 from service.encoding.estimates import Camera, Estimates
+from service.encoding.framing import Framed
 from service.errors import InvalidModel
+from service.mapping.spec import Color
 from tests.support.small import model as tiny_model
 
 
@@ -50,3 +53,45 @@ def test_open_of_metadata_that_disagree_with_the_estimates_is_refused(
     path = tiny_model.build(tmp_path / "tiny-k2.onnx", estimates=estimates, meta=meta)
     with pytest.raises(InvalidModel, match=message):
         Encoder.open(path, threads=1)
+
+
+# --- several looks at one photo -------------------------------------------------------------------
+
+
+def _look(level: float, confidence: float | None, azimuth: float = 0.0) -> Encoded:
+    color = Color(tiny_model.COLOR_SPEC, np.full(tiny_model.COLOR_SPEC.size, -level, np.float32))
+    estimates = None if confidence is None else Estimates(confidence, Camera(azimuth, 0, 2, 0))
+    return Encoded(np.full(tiny_model.SPEC.size, level, np.float32), color, estimates)
+
+
+def test_merged_of_one_look_is_that_look() -> None:
+    look = _look(1, 0.5)
+    assert merged([look]) is look
+
+
+@pytest.mark.parametrize("confidences", [(0.4, 0.4), (None, None)])
+def test_merged_of_equally_sure_looks_is_their_mean(confidences: tuple[float | None, ...]) -> None:
+    mean = merged([_look(level, confidence) for level, confidence in zip((1, 3), confidences, strict=True)])
+    assert mean.color
+    np.testing.assert_allclose(mean.theta, 2)
+    np.testing.assert_allclose(mean.color.weights, -2)
+    assert mean.theta.dtype == mean.color.weights.dtype == np.float32
+    assert (mean.estimates and mean.estimates.shape_confidence) == confidences[0]
+
+
+def test_merged_counts_the_surer_look_more_and_keeps_the_camera_of_the_first() -> None:
+    mean = merged([_look(0, 0.3, azimuth=10), _look(1, 0.5, azimuth=90)])
+    share = 1 / (1 + np.exp(-FAVOR * 0.2))
+    assert mean.estimates
+    np.testing.assert_allclose(mean.theta, share, rtol=1e-6)
+    assert mean.estimates.shape_confidence == pytest.approx(0.3 + 0.2 * share)
+    assert mean.estimates.camera.azimuth == 10
+
+
+def test_encode_photo_merges_the_looks(tmp_path: Path) -> None:
+    encoder = Encoder.open(tiny_model.build(tmp_path / "tiny-k2.onnx", estimates=True), threads=1)
+    images = np.random.default_rng(0).random((2, 1, 3, tiny_model.SIZE, tiny_model.SIZE), np.float32)
+    photo = Framed(images[0], "matting", (0, 0, 9, 9), 1.0, 9, 9, whole=images[1])
+    alone = [encoder.encode(look)[0] for look in photo.looks]
+    np.testing.assert_allclose(encoder.encode_photo(photo).theta, merged(alone).theta, atol=1e-6)
+    np.testing.assert_array_equal(encoder.encode_photo(replace(photo, whole=None)).theta, alone[0].theta)

@@ -227,3 +227,40 @@ def test_preprocess_by_matting_keeps_no_trace_in_the_thumbnail() -> None:
 )
 def test_square_before_any_background_moves_toward_the_photo(square: Box, size: tuple[int, int], expected: Box) -> None:
     assert _within(square, size) == expected
+
+
+# --- a large object before any background: the whole photo as a second input ---------------------------
+
+
+def _upper(image: Image.Image) -> np.ndarray[tuple[int, int], np.dtype[np.uint8]]:
+    """Take a part of a picture for the object, 60% of its longer side."""
+    matte = np.zeros((image.height, image.width), np.uint8)
+    matte[: round(0.6 * image.height), : round(0.6 * image.width)] = 255
+    return matte
+
+
+def test_preprocess_of_a_large_object_by_matting_adds_the_whole_photo() -> None:
+    photo = image_file(_colors((64, 64)))
+    framed = preprocess(photo, FRAMING, matting=_middle)
+    assert framed.whole is not None
+    np.testing.assert_array_equal(framed.whole, preprocess(photo, FRAMING, "keep").tensor)
+    assert len(framed.looks) == 2
+
+
+def test_preprocess_of_a_wide_photo_adds_it_with_margins() -> None:
+    wide = preprocess(
+        image_file(_colors((64, 40))), FRAMING, matting=lambda image: np.full(image.size[::-1], 255, "u1")
+    )
+    assert wide.whole is not None
+    is_margin = (wide.whole[0] == 1).all(axis=(0, 2))
+    np.testing.assert_array_equal(np.flatnonzero(~is_margin), np.arange(12, 52))
+
+
+@pytest.mark.parametrize("background", ["auto", "keep"])
+def test_preprocess_of_a_small_object_or_without_a_network_has_one_look(background: Background) -> None:
+    cut_out = _colors((64, 64)).convert("RGBA")
+    cut_out.putalpha(Image.fromarray(_middle(cut_out)))
+    for photo, matting in ((_colors((64, 64)), _upper), (cut_out, _middle), (_colors((64, 64)), None)):
+        framed = preprocess(image_file(photo), FRAMING, background, matting=matting)
+        assert framed.whole is None
+        assert len(framed.looks) == 1

@@ -9,6 +9,8 @@ export type Background = "auto" | "keep" | "remove";
 export interface Framed {
   /** (3, size, size) numbers in [0, 1], RGB, the object over white. */
   tensor: Float32Array;
+  /** The whole photo as a second input, like `tensor`, if the mask is of a network and the object large. */
+  whole?: Float32Array;
   mask: Mask;
   /** The object in the photo. */
   box: Box;
@@ -26,6 +28,7 @@ export class NoObjectFound extends Error {
 const WORK_SIDE = 1024; // pixels of the longest side at which masks and crops are computed
 const MIN_CONFIDENCE = 0.7; // of a matte from a network
 const MOST_MOVED = 0.06; // of the square's side; further from the middle, encoders make more errors
+const LARGE = 0.65; // of the photo's longer side; objects that are smaller are not recognized in whole photos
 const MIN_FOREGROUND = 5e-4; // of the image's pixels
 const SPECKS = 2e-4; // of the foreground, which are cut from each end
 
@@ -48,8 +51,7 @@ export async function frame(
     if (background === "remove") {
       throw new NoObjectFound("the background cannot be removed: the image has neither transparency nor a uniform border");
     }
-    const tensor = overWhite(resize(crop(work, squareAround([0, 0, work.width, work.height], 1)), size));
-    return { tensor, mask, box: [0, 0, width, height], width, height };
+    return { tensor: wholeOf(work, size), mask, box: [0, 0, width, height], width, height };
   }
   const box = foregroundBox(matte, work, mask === "matting" ? MATTING_FLOOR : FLOOR);
   const confidence = confidenceOf(matte);
@@ -57,11 +59,22 @@ export async function frame(
     throw new NoObjectFound("no object found in the image: nothing in it stands out clearly enough");
   }
   const around = squareAround(box, ratio);
-  const [alpha, square] = mask === "matting" ? [withTrace(matte, work), within(around, work)] : [matte, around];
+  const ofNetwork = mask === "matting";
+  const [alpha, square] = ofNetwork ? [withTrace(matte, work), within(around, work)] : [matte, around];
   const tensor = overWhite(resize(crop(withAlpha(work, alpha), square), size));
   const [left, top, right, bottom] = box.map((edge) => factor * edge);
   const inPhoto: Box = [left, top, Math.min(right, width), Math.min(bottom, height)];
-  return { tensor, mask, box: inPhoto, confidence, width, height };
+  const whole = ofNetwork && isLarge(box, work) ? wholeOf(work, size) : undefined;
+  return { tensor, ...(whole && { whole }), mask, box: inPhoto, confidence, width, height };
+}
+
+/** A picture with a margin along its longer sides, as an encoder's input. */
+function wholeOf(work: Pixels, size: number): Float32Array {
+  return overWhite(resize(crop(work, squareAround([0, 0, work.width, work.height], 1)), size));
+}
+
+function isLarge([left, top, right, bottom]: Box, { width, height }: Pixels): boolean {
+  return Math.max(right - left, bottom - top) >= LARGE * Math.max(width, height);
 }
 
 function squareAround([left, top, right, bottom]: Box, ratio: number): Box {

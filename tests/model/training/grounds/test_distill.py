@@ -17,6 +17,7 @@ from model.networks.color_head import ColorHead, color_spec, look
 from model.networks.encoder import ImageEncoder
 from model.training.grounds.distill import DistillLoss, _matted, answers, distill, draw_pairs, prepared
 from service.encoding.encoder import Encoder
+from service.encoding.framing import MOST_MOVED
 from service.encoding.masks import TRACE, Matte
 from service.encoding.matting import Matting
 from service.settings import SHIPPED_MATTING
@@ -82,7 +83,7 @@ def test_loss_of_the_same_images_is_zero_and_of_others_is_not() -> None:
     teacher = ImageEncoder(CONFIG.spec, CONFIG.encoder, SIZE).eval()
     student, images = prepared(teacher).eval(), torch.rand(3, 3, SIZE, SIZE)
     expected = answers(teacher, images)
-    loss = DistillLoss(expected, teacher.width)
+    loss = DistillLoss(teacher, CONFIG.spec, expected)
     with torch.no_grad():
         same, other = (float(loss(student, shown, expected)) for shown in (images, images.flip(0)))
     assert same < 1e-6
@@ -105,15 +106,21 @@ def test_draw_pairs_are_of_the_same_views(data: Path) -> None:
     assert (images[:, :, 0] < 0.97).flatten(1).any(dim=1).float().mean() > 0.5
 
 
-def test_matted_before_a_background_leaves_a_trace_and_over_white_all() -> None:
-    dark = torch.full((3, 8, 8), 0.2)
-    half = _matted(dark, _left_half)
-    assert torch.equal(half[..., :4], dark[..., :4])
-    torch.testing.assert_close(half[..., 4:], torch.full((3, 8, 4), 1 - 0.8 * TRACE / 255))
-    assert torch.equal(_matted(dark, lambda image: np.zeros((8, 8), np.uint8)), dark)  # nothing stands out
-    white = torch.ones(3, 8, 8)
-    white[:, 4:] = 0.2
-    assert torch.equal(_matted(white, _left_half), white)
+def test_matted_before_a_background_is_framed_with_a_trace_of_it() -> None:
+    dark = torch.rand(3, SIZE, SIZE) / 2
+    half = _matted(dark, CONFIG.framing, _left_half)
+    beyond, middle = SIZE // 4 - round(MOST_MOVED * SIZE), SIZE // 2
+    shown = dark[..., : SIZE - beyond].clone()
+    shown[..., middle:] = 1 - TRACE / 255 * (1 - shown[..., middle:])
+    assert (half[..., :beyond] == 1).all()
+    torch.testing.assert_close(half[..., beyond:], shown, atol=2 / 255, rtol=0)
+
+
+def test_matted_without_a_mask_or_over_white_returns_the_image() -> None:
+    dark, white = torch.rand(3, SIZE, SIZE) / 2, torch.ones(3, SIZE, SIZE)
+    white[:, SIZE // 2 :] = 0.2
+    assert torch.equal(_matted(dark, CONFIG.framing, lambda image: np.zeros(image.size, np.uint8)), dark)
+    assert torch.equal(_matted(white, CONFIG.framing, _left_half), white)
 
 
 @pytest.mark.slow

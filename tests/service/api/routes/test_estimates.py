@@ -8,11 +8,19 @@ from pathlib import Path
 import httpx
 import numpy as np
 import pytest
+import skimage.data
+from PIL import Image
 
+from service.cli import main
+from service.encoding.decode import decode
 from service.encoding.encoder import Encoder
 from service.encoding.framing import preprocess
+from service.encoding.matting import Matting
+from service.formats.weights import load
 from service.mapping.spec import Array
-from service.settings import Settings
+from service.settings import SHIPPED_MATTING, Settings
+from tests.support import ROOT
+from tests.support.photos import image_file
 from tests.support.server import check_refused, running
 from tests.support.small import model as tiny_model
 
@@ -47,6 +55,40 @@ def test_encode_answers_the_estimates_and_keeps_them(
     assert {name: unkept[name] for name in ("shape_confidence", "camera")} == {
         name: answer[name] for name in ("shape_confidence", "camera")
     }
+
+
+@pytest.mark.system
+def test_encode_of_a_large_object_before_a_background_merges_two_looks_everywhere(
+    settings: Settings, estimating_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    photo, other = _chair_on_grass(90), _chair_on_grass(80)
+    encoder, matting = Encoder.open(estimating_path, 1), Matting.of(SHIPPED_MATTING, 1)
+    framed = preprocess(photo, encoder.framing, matting=matting)
+    expected = encoder.encode_photo(framed)
+    mean = (expected.theta + encoder.encode_photo(preprocess(other, encoder.framing, matting=matting)).theta) / 2
+    assert expected.estimates
+    assert (framed.mask, len(framed.looks)) == ("matting", 2)
+    assert np.abs(expected.theta - encoder.encode(framed.tensor)[0].theta).max() > 1e-3
+    changed = settings.model_copy(update={"model": (estimating_path,), "matting_model": SHIPPED_MATTING})
+    with running(changed) as server, httpx.Client(base_url=f"http://127.0.0.1:{server.port}", timeout=60) as client:
+        answer = client.post("/encode", content=photo).json()
+        weights = client.get(answer["links"]["weights"]).content
+        twice = client.post("/encode", files=[("image", photo), ("image", other)]).json()
+        of_both = client.get(twice["links"]["weights"]).content
+    assert answer["shape_confidence"] == pytest.approx(expected.estimates.shape_confidence, abs=1e-3)
+    (tmp_path / "chair.png").write_bytes(photo)
+    models = ["--model", str(estimating_path), "--matting-model", str(SHIPPED_MATTING)]
+    assert main(["encode", str(tmp_path / "chair.png"), "-o", str(tmp_path / "chair.safetensors"), *models]) == 0
+    for file, theta in ((weights, expected.theta), (of_both, mean), (tmp_path / "chair.safetensors", expected.theta)):
+        data = file if isinstance(file, bytes) else file.read_bytes()
+        np.testing.assert_allclose(load(data).theta, theta, atol=1e-5)
+
+
+def _chair_on_grass(quality: int) -> bytes:
+    chair = decode((ROOT / "demo" / "chair.png").read_bytes()).convert("RGBA").resize((240, 240))
+    picture = Image.fromarray(skimage.data.grass()).convert("RGB").crop((0, 0, 300, 330))
+    picture.paste(chair, (30, 20), chair)
+    return image_file(picture, "JPEG", quality=quality)
 
 
 def test_objects_that_no_model_estimated_have_no_estimates(
