@@ -17,7 +17,7 @@ def add_stages(stages: "argparse._SubParsersAction[argparse.ArgumentParser]") ->
     stage.add_argument("--run", type=Path, default=Path("runs/matte"), dest="folder", help="folder of the run")
     add_flags(stage, MatteConfig())
     stage.add_argument("-o", "--output", type=Path, default=SHIPPED_MATTE, help="ONNX file; default: the shipped one")
-    stage = stages.add_parser("mattes", help="measure mattes before photographs, for RESULTS.md")
+    stage = stages.add_parser("mattes", help="measure mattes in front of photographs, for RESULTS.md")
     stage.set_defaults(run=_mattes)
     add_data(stage)
     add_seed(stage)

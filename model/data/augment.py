@@ -15,7 +15,7 @@ from model.data.manifest import SIZE
 
 PLAIN_SHARE: Final = 0.45  # of the images: on white, like the masked images of the service
 ZOOM: Final = (0.88, 1.1)
-LOOSE_ZOOM: Final = (0.6, 1.15)  # before a background, where no mask shows the object's edge
+LOOSE_ZOOM: Final = (0.6, 1.15)  # in front of a background, where no mask shows the object's edge
 CUT_SHARE: Final = 0.04
 CUT_ZOOM: Final = 1.3  # factor that pushes the object out of the frame
 SHIFT: Final = 0.06  # of the half frame, either way

@@ -1,4 +1,4 @@
-"""Measure mattes on objects of a split before photographs that no training saw: the masks, and the objects behind."""
+"""Measure mattes on objects in front of photographs that no training saw: the masks, and the objects behind them."""
 
 import json
 from collections.abc import Callable, Mapping
@@ -113,7 +113,7 @@ def _trials(
 
 
 def picture_of(view: Bytes, zoom: float, rng: np.random.Generator) -> tuple[Bytes, Bytes]:
-    """Put a view (S, S, 4) uint8 somewhere before a photograph: the picture (SIDE, SIDE, 3) and its matte (SIDE, SIDE).
+    """Put a view (S, S, 4) uint8 somewhere on a photograph: the picture (SIDE, SIDE, 3) and its matte (SIDE, SIDE).
 
     The object's longer side takes `zoom` of the picture's.
     """

@@ -40,7 +40,7 @@ Written by `hof-model matte` from the metadata of the file.
 - **Network**: EfficientNet-Lite0's convolutions (Apache-2.0), pretrained on ImageNet, and a decoder as of U-Net.
 - **File**: `{card["name"]}.onnx`, {bytes_:,} bytes; matrices stored as float16, computed in float32.
 - **License**: {card["license"]}.
-- **Data**: renders of {data["objects"]:,} training objects and {data["meshes"]:,} other meshes before photographs,
+- **Data**: renders of {data["objects"]:,} training objects and {data["meshes"]:,} other meshes in front of photographs,
   floors and walls, flat colors and noise.
 - **Training**: {images:,} images in {training["minutes"]} minutes, seed {training["seed"]}. Exported {exported["date"]}
   on {exported["machine"]}, commit {exported["commit"]}.

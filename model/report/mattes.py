@@ -24,7 +24,7 @@ def section(root: Path) -> str:
     return f"""## Mattes
 
 Written by `hof-model mattes`, {origin["date"]}, commit {origin["commit"]}: {origin["objects"]} objects of the
-{origin["split"]} split, four views each, somewhere before photographs that no training saw. The overlap is the
+{origin["split"]} split, four views each, somewhere in front of photographs that no training saw. The overlap is the
 intersection over union of the mask found and the true one. Where the service refuses a picture, it counts as the whole
 picture. F-scores are of the object that `{origin["model"]}` draws from what the mask leaves.
 

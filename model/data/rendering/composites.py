@@ -1,4 +1,4 @@
-"""Pictures to learn mattes from: rendered objects before photographs, and which pixels are object."""
+"""Pictures to learn mattes from: rendered objects in front of photographs, and which pixels are object."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,1 +1,1 @@
-"""Trainings on views before backgrounds that each step makes: of the matte network, and by distillation."""
+"""Trainings on views in front of backgrounds that each step makes: of the matte network, and by distillation."""

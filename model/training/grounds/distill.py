@@ -1,9 +1,9 @@
 """Distill an exported encoder (`hof-model distill`): it learns to answer with a background as it does over white.
 
 The teacher is the encoder as it was. Its features and maps of a view over white, and the points of its theta, are what
-the encoder should answer to the same view before a background: to the picture as it is, or as the service frames it
-with a mask of a matte network, right or wrong. What reads the features stays as it is: theta's last layer, the color
-head, the heads of the estimates.
+the encoder should answer to the same view in front of a background: to the picture as it is, or as the service frames
+it with a mask of a matte network, right or wrong. What reads the features stays as it is: theta's last layer, the
+color head, the heads of the estimates.
 """
 
 import copy
@@ -140,7 +140,7 @@ class DistillLoss:
 def draw_pairs(
     examples: Examples, config: TrainConfig, step: int, matting: MattingFunction | None
 ) -> tuple[Tensor, Tensor]:
-    """Return views before backgrounds, and the same views over white: (b, 3, size, size) in [0, 1] each."""
+    """Return views in front of backgrounds, and the same views over white: (b, 3, size, size) in [0, 1] each."""
     rng = np.random.default_rng([config.seed, step])
     crops = np.stack([shape.crops[view] for shape, view in draw_views(examples, config, step, rng)])
     views, size = torch.from_numpy(crops), config.framing.size

@@ -114,7 +114,7 @@ OVER_PHOTOGRAPHS: dict[str, Callable[[], Image.Image]] = {
 
 
 def _before(name: str, ground: npt.NDArray[np.uint8], size: tuple[int, int]) -> Image.Image:
-    """Return a picture of the demo before a texture."""
+    """Return a picture of the demo in front of a texture."""
     picture = decode((ROOT / "demo" / name).read_bytes()).convert("RGBA").resize((240, 240))
     result = Image.fromarray(ground).convert("RGB").resize(size)
     result.paste(picture, (130, 170), picture)

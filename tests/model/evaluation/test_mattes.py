@@ -1,4 +1,4 @@
-"""Mattes before photographs: the pictures, the ways that are compared, and the section of RESULTS.md."""
+"""Mattes in front of photographs: the pictures, the ways that are compared, and the section of RESULTS.md."""
 
 from pathlib import Path
 

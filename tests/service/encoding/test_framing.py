@@ -167,7 +167,7 @@ def test_preprocess_with_a_busy_border_takes_the_image_whole_or_raises() -> None
         preprocess(image_file(noise), FRAMING, "remove")
 
 
-# --- before any background: a trace of what a mask removes, and no margin ---------------------------
+# --- in front of any background: a trace of what a mask removes, and no margin ---------------------------
 
 
 def _middle(image: Image.Image) -> np.ndarray[tuple[int, int], np.dtype[np.uint8]]:
@@ -229,7 +229,7 @@ def test_square_before_any_background_moves_toward_the_photo(square: Box, size: 
     assert _within(square, size) == expected
 
 
-# --- a large object before any background: the whole photo as a second input ---------------------------
+# --- a large object in front of any background: the whole photo as a second input ---------------------------
 
 
 def _upper(image: Image.Image) -> np.ndarray[tuple[int, int], np.dtype[np.uint8]]:

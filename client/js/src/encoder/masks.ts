@@ -8,7 +8,7 @@ export type Mask = "alpha" | "border" | "matting" | "none";
 /** A value from 0 for background to 255 for the object, of each pixel. */
 export type Matte = Uint8Array;
 
-/** Returns the matte of an opaque image before any background; `Matting` has such a function. */
+/** Returns the matte of an opaque image in front of any background; `Matting` has such a function. */
 export type MattingFunction = (image: Pixels) => Promise<Matte>;
 
 /** A source, and the matte; no matte if no source applies. */

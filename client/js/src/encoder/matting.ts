@@ -1,4 +1,4 @@
-// The object's matte before any background, by a matte network (service/encoding/matting.py): a look at the whole photo,
+// The object's matte in front of any background, by a matte network (service/encoding/matting.py): a look at the whole photo,
 // then one at a square around what it found.
 
 import * as ort from "onnxruntime-web/wasm";
