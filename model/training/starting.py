@@ -38,9 +38,13 @@ def starting_weights(start: Weights, start_config: TrainConfig, own: Weights, co
 
 
 def has_same_trunk(start_config: TrainConfig, config: TrainConfig) -> bool:
-    """Return whether a run's trunk takes its weights from `start_config`'s; finer maps besides do not matter."""
-    coarse = replace(config.encoder, fine_maps=0)
-    return start_config.encoder in (config.encoder, coarse) and start_config.framing == config.framing
+    """Return whether a run's trunk takes its weights from `start_config`'s.
+
+    Finer maps besides do not matter, nor how many layers are trained.
+    """
+    encoder = replace(config.encoder, frozen=start_config.encoder.frozen)
+    coarse = replace(encoder, fine_maps=0)
+    return start_config.encoder in (encoder, coarse) and start_config.framing == config.framing
 
 
 def _widen(weight: Tensor, shape: torch.Size) -> Tensor:

@@ -72,8 +72,10 @@ def test_train_from_a_file_that_is_no_checkpoint_is_refused(built: Path, tmp_pat
             train(built, tmp_path / "run", replace(RUN, start=str(tmp_path / name)))
 
 
-def test_begin_with_another_spec_takes_the_trunk(run: Path) -> None:
-    config = replace(RUN, spec=RUN.spec.with_k(1), start=str(run / "last.pt"))
+@pytest.mark.parametrize("frozen", [RUN.encoder.frozen, RUN.encoder.frozen + 1])
+def test_begin_with_another_spec_takes_the_trunk(run: Path, frozen: int) -> None:
+    encoder = replace(RUN.encoder, frozen=frozen)
+    config = replace(RUN, spec=RUN.spec.with_k(1), encoder=encoder, start=str(run / "last.pt"))
     weights = RunState.begin(config).network.state_dict()
     for name, value in load_network(run / "last.pt")[0].state_dict().items():
         assert torch.equal(weights[name], value) != (".head.linear." in name), name
