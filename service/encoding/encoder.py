@@ -108,7 +108,7 @@ class Encoder:
 
     def encode_photo(self, photo: Framed) -> Encoded:
         """Compute the functions of a photo's object. Raises as `encode` does."""
-        return merged(self.encode(np.concatenate(photo.looks)))
+        return merged(photo.weights, self.encode(photo.looks))
 
     def blank(self) -> Array:
         """Return a white image, (1, 3, size, size), or points at one place: the input for warm-up and health checks."""
@@ -144,16 +144,20 @@ class Encoder:
         _check_tensors("output", self._network.outputs, self.outputs)
 
 
-def merged(looks: Sequence[Encoded]) -> Encoded:
+def merged(weights: Sequence[float], looks: Sequence[Encoded]) -> Encoded:
     """Return the functions of an object in one look at a photo or several: means in which surer looks count more.
 
-    The camera is that of the first look.
+    The camera is that of the first look. Without estimates, all looks are equally sure.
+
+    Parameters
+    ----------
+    weights : of each look, if all were equally sure.
     """
     first = looks[0]
     if len(looks) == 1:
         return first
     confidences = [each.estimates.shape_confidence if each.estimates else 0.0 for each in looks]
-    shares = np.exp(FAVOR * np.array(confidences))
+    shares = (weights * np.exp(FAVOR * np.array(confidences))).astype(np.float32)
     shares /= shares.sum()
     theta = _mean([each.theta for each in looks], shares)
     colors = [each.color.weights for each in looks if each.color]

@@ -28,6 +28,7 @@ from service.encoding.masks import (
     Sums,
     matte_of,
     sums_of,
+    visible,
     with_trace,
 )
 from service.encoding.pixels import THUMBNAIL_SIDE, WORK_SIDE, over_white, reduction, thumbnail_file
@@ -38,7 +39,7 @@ Box = tuple[int, int, int, int]
 
 MIN_CONFIDENCE: Final = 0.7  # of a matte from a network; in 40 renders over photographs, wrong mattes had 0.42 to 0.61
 MOST_MOVED: Final = 0.06  # of the square's side; further from the middle, encoders make more errors
-LARGE: Final = 0.65  # of the photo's longer side; objects that are smaller are not recognized in whole photos
+LARGE: Final = (0.6, 0.7)  # of the photo's longer side: where whole photos begin to count, and where they do in full
 MIN_FOREGROUND: Final = 5e-4  # of the image's pixels
 NO_MASK: Final = (
     "the background cannot be removed: the image has neither transparency nor a uniform border, and the service runs "
@@ -105,9 +106,14 @@ class Framed:
     whole: npt.NDArray[np.float32] | None = None
 
     @property
-    def looks(self) -> list[npt.NDArray[np.float32]]:
-        """The encoder's inputs, one or two."""
-        return [self.tensor] if self.whole is None else [self.tensor, self.whole]
+    def looks(self) -> npt.NDArray[np.float32]:
+        """The encoder's inputs, (1, 3, size, size) or (2, 3, size, size)."""
+        return self.tensor if self.whole is None else np.concatenate([self.tensor, self.whole])
+
+    @property
+    def weights(self) -> list[float]:
+        """Weight of each look, 0 to 1."""
+        return [1.0] if self.whole is None else [1.0, _weight_of_whole(self.box, (self.width, self.height))]
 
 
 def frame(
@@ -143,7 +149,7 @@ def frame(
     square, opacity, whole = _square(box, framing.foreground_ratio), matte, None
     if mask == "matting":
         square, opacity = _within(square, work.size), with_trace(matte, work)
-        whole = _whole(work, sizes[:1])[0] if _is_large(box, work.size) else None
+        whole = _whole(work, sizes[:1], visible(work))[0] if _weight_of_whole(box, work.size) > 0 else None
     (rgba,) = _squares(work, opacity, square, sizes[:1])
     small = _squares(work, matte, square, sizes[1:])[0] if thumbnail else None
     width, height = image.size
@@ -212,15 +218,21 @@ def _squares(image: Image.Image, matte: Matte | None, square: Box, sizes: Sequen
     return [Image.fromarray(results[size]) for size in sizes]
 
 
-def _whole(image: Image.Image, sizes: Sequence[int]) -> list[Image.Image]:
-    """Resize an image, RGBA, to (size, size) for each size, with a margin along its longer sides."""
-    return _squares(image, None, _square((0, 0, *image.size), 1.0), sizes)
+def _whole(image: Image.Image, sizes: Sequence[int], matte: Matte | None = None) -> list[Image.Image]:
+    """Resize an image, RGBA, to (size, size) for each size, with a margin along its longer sides.
+
+    Parameters
+    ----------
+    matte : of the image; None to keep its transparency.
+    """
+    return _squares(image, matte, _square((0, 0, *image.size), 1.0), sizes)
 
 
-def _is_large(box: Box, size: tuple[int, int]) -> bool:
-    """Return whether a box takes LARGE of a picture's longer side."""
-    left, top, right, bottom = box
-    return max(right - left, bottom - top) >= LARGE * max(size)
+def _weight_of_whole(box: Box, size: tuple[int, int]) -> float:
+    """Return how much a whole picture counts, 0 to 1. It changes steadily with the share that the box takes."""
+    (left, top, right, bottom), (least, full) = box, LARGE
+    share = max(right - left, bottom - top) / max(size)
+    return min(1.0, max(0.0, (share - least) / (full - least)))
 
 
 def _cut_out(image: Image.Image, alpha: Image.Image | None, square: Box) -> Image.Image:

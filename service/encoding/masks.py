@@ -1,4 +1,4 @@
-"""The object's matte in a photo: from its transparency, from a uniform border, or from a network. And its sums."""
+"""The object's matte in a photo, from its transparency, a uniform border or a network; and sums over it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,9 +20,9 @@ TRACE: Final = 20  # of 255; that much of a pixel stays where a network removes 
 MIN_TRANSPARENT: Final = 0.05  # of the pixels; less is rounded corners or stray pixels, and separates nothing
 BORDER_TOLERANCE: Final = 12  # of 255, largest channel difference to the border's median
 BORDER_SOFTNESS: Final = 16  # of 255, a power of 2; over this the matte rises from 0 to 1
+BORDER_SHARE: Final = 0.8  # of the border's pixels must be alike for a uniform border
 STRIP: Final = 255  # rows whose pixels a byte can count
 EXACT: Final = 64  # squares of bytes whose float32 sum is exact in any order, and a row that vectors add fast
-BORDER_SHARE: Final = 0.8  # of the border's pixels must be alike for a uniform border
 
 
 @dataclass(frozen=True)
@@ -57,6 +57,12 @@ def with_trace(matte: Matte, image: Image.Image) -> Matte:
     alpha = np.asarray(image.getchannel("A")) if image.mode == "RGBA" else np.uint8(255)
     trace: Matte = np.maximum(matte, np.minimum(alpha, np.uint8(TRACE)))  # what is transparent leaves none
     return trace
+
+
+def visible(image: Image.Image) -> Matte:
+    """Return the matte (H, W) of all pixels of an RGB or RGBA image that are not fully transparent."""
+    alpha = np.asarray(image.getchannel("A")) if image.mode == "RGBA" else np.ones(image.size[::-1], np.uint8)
+    return np.where(alpha > 0, np.uint8(255), np.uint8(0))
 
 
 def _separates(alpha: Matte) -> bool:

@@ -11,6 +11,7 @@ from collections import deque
 from collections.abc import Awaitable, Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
+from itertools import islice
 from typing import Any, Final, NamedTuple, TypeVar, cast
 
 import numpy as np
@@ -23,14 +24,14 @@ MAX_TURNS: Final = MAX_BATCH  # on a worker thread that a call gives up for phot
 MAX_WAIT_S: Final = 0.1  # for them, before the call takes the next turn
 
 R = TypeVar("R")
-Outcomes = list[Any]  # of each image in a call: its functions, then what `then` returned; or an exception
+Outcomes = list[Any]  # of each photo in a call: functions, then what `then` returned; or an exception
 
 
 class Waiting(NamedTuple):
-    """An image, what to do with its functions on the worker thread, and the future for the result."""
+    """Images of one photo, what to do with their functions on the worker thread, and the future for the result."""
 
-    image: Array
-    then: Callable[[Encoded], Any]
+    images: Array
+    then: Callable[[list[Encoded]], Any]
     future: "asyncio.Future[Any]"
 
 
@@ -68,16 +69,16 @@ class Batcher:
 
         If canceled before a call takes the image, the image is never encoded.
         """
-        return await self.encode_then(image, lambda encoded: encoded)
+        return await self.encode_then(image, lambda encoded: encoded[0])
 
-    async def encode_then(self, image: Array, then: Callable[[Encoded], R]) -> R:
-        """Encode one image as `encode` does; return what `then` returns for its functions, or raise its error.
+    async def encode_then(self, images: Array, then: Callable[[list[Encoded]], R]) -> R:
+        """Encode the images of one photo, (n, 3, size, size), in one call.
 
-        `then` runs on a worker thread, before the next call: all images of a call are answered at once, and the photos
-        that follow them share the next call, too.
+        Return what `then` returns for their functions, or raise its error. `then` runs on a worker thread, before the
+        next call: all photos of a call are answered at once, and those that follow them share the next call, too.
         """
         future: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
-        self._waiting.append(Waiting(image, then, future))
+        self._waiting.append(Waiting(images, then, future))
         self._start()
         return cast(R, await future)
 
@@ -117,7 +118,7 @@ class Batcher:
             self._start()
 
     def _finishes(self, batch: list[Waiting], outcomes: Outcomes) -> list[Callable[[], Outcomes]]:
-        """Return jobs, one for each thread, that replace the functions of each image by what its `then` returns."""
+        """Return jobs, one for each thread, that replace the functions of each photo by what its `then` returns."""
 
         def finish(first: int) -> Outcomes:
             for index in range(first, len(batch), self._threads):
@@ -127,17 +128,17 @@ class Batcher:
         return [partial(finish, first) for first in range(min(self._threads, len(batch)))]
 
     def _take_and_encode(self, batch: list[Waiting], *, is_last_turn: bool) -> Outcomes | None:
-        """Move up to MAX_BATCH waiting images into the batch and encode them, without those whose client left.
+        """Move photos of MAX_BATCH waiting images into the batch and encode them, without those whose client left.
 
         Runs on a worker thread. Returns None, and takes nothing, if photos that have arrived should go first.
         """
-        if self._coming and len(self._waiting) < MAX_BATCH and not is_last_turn:
+        if self._coming and _count(self._waiting) < MAX_BATCH and not is_last_turn:
             return None
-        while self._waiting and len(batch) < MAX_BATCH:
+        while self._waiting and (not batch or _count([*batch, self._waiting[0]]) <= MAX_BATCH):
             waiting = self._waiting.popleft()
             if not waiting.future.done():
                 batch.append(waiting)
-        self.images += len(batch)
+        self.images += _count(batch)
         outcomes = self._outcomes(batch)
         if self._threads == 1:  # now: another job would wait behind the photos that come
             for finish in self._finishes(batch, outcomes):
@@ -145,25 +146,31 @@ class Batcher:
         return outcomes
 
     def _outcomes(self, batch: list[Waiting]) -> Outcomes:
-        """Return the functions or the error of each image; if a call for several fails, encode each image alone."""
+        """Return the functions or the error of each photo; if a call for several fails, encode each photo alone."""
         if not batch:
             return []
         self.calls += 1
         try:
-            encoded = list(self._encode(np.concatenate([waiting.image for waiting in batch])))
-        except Exception as error:  # any error goes to the request of the image
+            encoded = iter(self._encode(np.concatenate([waiting.images for waiting in batch])))
+            outcomes = [list(islice(encoded, len(waiting.images))) for waiting in batch]
+        except Exception as error:  # any error goes to the request of the photo
             return [error] if len(batch) == 1 else [self._outcomes([waiting])[0] for waiting in batch]
         self.answered_at = time.monotonic()
-        return encoded
+        return outcomes
 
 
-def _result_of(waiting: Waiting, outcome: Encoded | Exception) -> Any:  # noqa: ANN401 - whatever `then` returns
+def _count(photos: Iterable[Waiting]) -> int:
+    """Return the number of images."""
+    return sum(len(photo.images) for photo in photos)
+
+
+def _result_of(waiting: Waiting, outcome: list[Encoded] | Exception) -> Any:  # noqa: ANN401 - whatever `then` returns
     """Return what `then` returns, or the error; nothing is computed for a client that left."""
     if isinstance(outcome, Exception) or waiting.future.done():
         return outcome
     try:
         return waiting.then(outcome)
-    except Exception as error:  # goes to the request of the image
+    except Exception as error:  # goes to the request of the photo
         return error
 
 

@@ -535,9 +535,10 @@ export interface paths {
          *     The tensor `image` is (b, 3, size, size), float32. Channels are red, green, blue, in [0, 1]: sRGB levels divided by
          *     255. Rows run from the top. The object stands over white, centered; its longer side fills `foreground_ratio` of the
          *     square: `/model` has this share and the size. `/encode` does all of this itself; photos that a network masks it
-         *     frames a little differently.
+         *     frames a little differently, and large objects in them it looks at twice.
          *
-         *     The output `theta` equals the weights of `/encode?store=false`, but for the rounding of `HOF_STORE_DTYPE=float16`. A
+         *     For any other photo, the output `theta` equals the weights of `/encode?store=false`, but for the rounding of
+         *     `HOF_STORE_DTYPE=float16`. A
          *     model with color also has the output `color`. A model that makes estimates also has `shape_confidence` (b, 1) and
          *     `camera` (b, 4): azimuth, elevation, distance and roll, as in the answer of `/encode`.
          */
@@ -564,9 +565,10 @@ export interface paths {
          *     The tensor `image` is (b, 3, size, size), float32. Channels are red, green, blue, in [0, 1]: sRGB levels divided by
          *     255. Rows run from the top. The object stands over white, centered; its longer side fills `foreground_ratio` of the
          *     square: `/model` has this share and the size. `/encode` does all of this itself; photos that a network masks it
-         *     frames a little differently.
+         *     frames a little differently, and large objects in them it looks at twice.
          *
-         *     The output `theta` equals the weights of `/encode?store=false`, but for the rounding of `HOF_STORE_DTYPE=float16`. A
+         *     For any other photo, the output `theta` equals the weights of `/encode?store=false`, but for the rounding of
+         *     `HOF_STORE_DTYPE=float16`. A
          *     model with color also has the output `color`. A model that makes estimates also has `shape_confidence` (b, 1) and
          *     `camera` (b, 4): azimuth, elevation, distance and roll, as in the answer of `/encode`.
          */
@@ -749,7 +751,7 @@ export interface components {
             image?: components["schemas"]["ImageReport"];
             /**
              * Shape Confidence
-             * @description how well the shape is expected to fit: the F-score at 2% of the longest side against the true object, estimated by the model. Not the mask's confidence, which is `image.confidence`. Absent unless the object was encoded by a model that estimates it
+             * @description how well the shape is expected to fit: the F-score at 2% of the longest side against the true object, estimated by the model; about 0.1 too high where a network masks the photo. Not the mask's confidence, which is `image.confidence`. Absent unless the object was encoded by a model that estimates it
              * @example 0.57
              */
             shape_confidence?: number;
@@ -887,7 +889,7 @@ export interface components {
             image: components["schemas"]["ImageReport"];
             /**
              * Shape Confidence
-             * @description how well the shape is expected to fit: the F-score at 2% of the longest side against the true object, estimated by the model. Not the mask's confidence, which is `image.confidence`. Absent unless the object was encoded by a model that estimates it
+             * @description how well the shape is expected to fit: the F-score at 2% of the longest side against the true object, estimated by the model; about 0.1 too high where a network masks the photo. Not the mask's confidence, which is `image.confidence`. Absent unless the object was encoded by a model that estimates it
              * @example 0.57
              */
             shape_confidence?: number;
@@ -954,7 +956,7 @@ export interface components {
             images?: components["schemas"]["ImageReport"][];
             /**
              * Shape Confidence
-             * @description how well the shape is expected to fit: the F-score at 2% of the longest side against the true object, estimated by the model. Not the mask's confidence, which is `image.confidence`. Absent unless the object was encoded by a model that estimates it
+             * @description how well the shape is expected to fit: the F-score at 2% of the longest side against the true object, estimated by the model; about 0.1 too high where a network masks the photo. Not the mask's confidence, which is `image.confidence`. Absent unless the object was encoded by a model that estimates it
              * @example 0.57
              */
             shape_confidence?: number;
@@ -1517,7 +1519,7 @@ export interface components {
             image?: components["schemas"]["ImageReport"];
             /**
              * Shape Confidence
-             * @description how well the shape is expected to fit: the F-score at 2% of the longest side against the true object, estimated by the model. Not the mask's confidence, which is `image.confidence`. Absent unless the object was encoded by a model that estimates it
+             * @description how well the shape is expected to fit: the F-score at 2% of the longest side against the true object, estimated by the model; about 0.1 too high where a network masks the photo. Not the mask's confidence, which is `image.confidence`. Absent unless the object was encoded by a model that estimates it
              * @example 0.57
              */
             shape_confidence?: number;

@@ -2,8 +2,8 @@
 
 The teacher is the encoder as it was. Its features and maps of a view over white, and the points of its theta, are what
 the encoder should answer to the same view in front of a background: to the picture as it is, or as the service frames
-it with a mask of a matte network, right or wrong. What reads the features stays as it is: theta's last layer, the
-color head, the heads of the estimates.
+it, most often with a mask of a matte network, right or wrong. What reads the features stays as it is: theta's last
+layer, the color head, the heads of the estimates.
 """
 
 import copy
@@ -33,7 +33,7 @@ from service.mapping.canonical import canonical_points
 from service.mapping.spec import MappingSpec
 
 SHARES: Final = (0.2, 0.07, 0.08, 0.15, 0.7)  # over white; of the others: flat color, gradient, texture, photographs
-MATTED_SHARE: Final = 0.5  # of the images are masked by the matte network, unless they are over white
+FRAMED_SHARE: Final = 0.5  # of the images are framed as by the service, most with a mask of the matte network
 WHITE: Final = 0.97  # the least level of the first rows of an image over white
 POINTS: Final = 300  # canonical points at which the thetas of teacher and student are compared
 POINTS_WEIGHT: Final = 10.0  # of the points' mean distance, in sides of the object
@@ -71,7 +71,7 @@ def distill(data: Path, model: Path, run: Path, config: DistillConfig, matting: 
     def check(average: ImageEncoder) -> dict[str, float]:
         return {"error": float(np.mean([float(loss(average, *batch)) for batch in checked]))}
 
-    return learn(learner, run, draw, check)
+    return learn(learner, run, draw, check, threads=2)
 
 
 def load_distilled(model: Path, checkpoint: Path) -> tuple[ImageEncoder, TrainConfig, dict[str, Any]]:
@@ -147,7 +147,7 @@ def draw_pairs(
     images = augment(views.permute(0, 3, 1, 2), size, rng, examples.photographs, shares=SHARES)
     plain = plain_images(views, size)
     if matting:
-        for index in np.flatnonzero(rng.random(len(images)) < MATTED_SHARE):
+        for index in np.flatnonzero(rng.random(len(images)) < FRAMED_SHARE):
             images[index] = _matted(images[index], config.framing, matting)
     mirrored = torch.from_numpy(rng.random(len(images)) < 0.5)
     images[mirrored], plain[mirrored] = images[mirrored].flip(3), plain[mirrored].flip(3)
@@ -155,7 +155,7 @@ def draw_pairs(
 
 
 def _matted(image: Tensor, framing: Framing, matting: MattingFunction) -> Tensor:
-    """Return an image (3, s, s) as the service frames it with a mask; unchanged if it is over white or has no mask."""
+    """Return an image (3, s, s) as the service frames it; unchanged if it is over white or has no mask."""
     if float(image[:, :3].min()) > WHITE:
         return image
     picture = Image.fromarray((255 * image.permute(1, 2, 0)).round().to(torch.uint8).numpy())

@@ -6,7 +6,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -18,8 +18,6 @@ from model.training.log import LOG_EVERY, cut_log, log_line
 from model.training.optimization import set_learning_rate
 from model.training.train import CHECKPOINT_EVERY_S, compute_threads
 from service.files import whole_file
-
-LOADERS: Final = 2  # threads that make batches beside the steps
 
 Batch = tuple[Tensor, Tensor]  # images, and what the network should answer
 Loss = Callable[[Any, Tensor, Tensor], Tensor]  # takes the network
@@ -125,26 +123,33 @@ def load_average(network: nn.Module, checkpoint: Path) -> dict[str, Any]:
     return {"steps": saved["step"], "minutes": round(saved["elapsed_s"] / 60, 1)}
 
 
-def learn(learner: Learner, run: Path, draw: Callable[[int], Batch], check: Callable[[Any], dict[str, float]]) -> Path:
+def learn(
+    learner: Learner,
+    run: Path,
+    draw: Callable[[int], Batch],
+    check: Callable[[Any], dict[str, float]],
+    threads: int = 1,
+) -> Path:
     """Train until the budget is spent, and return the checkpoint, `run/last.pt`.
 
     Parameters
     ----------
     draw : makes the batch of a step.
     check : figures of the averaged network, for `run/log.jsonl`; called with each checkpoint.
+    threads : number of batches that are made beside a step.
     """
     checkpoint = run / "last.pt"
     cut_log(run / "log.jsonl", learner.step)
     with (
-        compute_threads(LOADERS, threads_each=1) as loaders,
+        compute_threads(threads, threads_each=1) as loaders,
         (run / "log.jsonl").open("a", encoding="utf-8") as log,
         tqdm(total=1_000, initial=round(1_000 * learner.progress), unit=" thousandths", disable=None) as bar,
     ):
         start, last_save = time.monotonic() - learner.elapsed_s, time.monotonic()
-        following = deque(loaders.submit(draw, learner.step + ahead) for ahead in range(LOADERS))
+        following = deque(loaders.submit(draw, learner.step + ahead) for ahead in range(threads))
         while learner.progress < 1:
             batch = following.popleft().result()
-            following.append(loaders.submit(draw, learner.step + LOADERS))
+            following.append(loaders.submit(draw, learner.step + threads))
             learner.take(batch)
             learner.elapsed_s = time.monotonic() - start
             if learner.step % LOG_EVERY == 0:

@@ -162,9 +162,10 @@ async def infer(request: Request, query: NoParameters, encoder: NamedEncoder, ru
     The tensor `image` is (b, 3, size, size), float32. Channels are red, green, blue, in [0, 1]: sRGB levels divided by
     255. Rows run from the top. The object stands over white, centered; its longer side fills `foreground_ratio` of the
     square: `/model` has this share and the size. `/encode` does all of this itself; photos that a network masks it
-    frames a little differently.
+    frames a little differently, and large objects in them it looks at twice.
 
-    The output `theta` equals the weights of `/encode?store=false`, but for the rounding of `HOF_STORE_DTYPE=float16`. A
+    For any other photo, the output `theta` equals the weights of `/encode?store=false`, but for the rounding of
+    `HOF_STORE_DTYPE=float16`. A
     model with color also has the output `color`. A model that makes estimates also has `shape_confidence` (b, 1) and
     `camera` (b, 4): azimuth, elevation, distance and roll, as in the answer of `/encode`.
     """

@@ -13,7 +13,6 @@ from service.encoding.encoder import Encoded, Encoder, merged
 from service.encoding.framing import Background, Framed, Framing, preprocess
 from service.errors import HofError
 from service.mapping.frame import Frame
-from service.runtime.batcher import Batcher
 from service.runtime.composition import mean_of
 from service.runtime.frames import with_box
 from service.runtime.inputs.photos import photo_id
@@ -48,10 +47,11 @@ async def frame_all(runtime: Runtime, photos: Photos) -> list[Framed]:
 async def encode_all(runtime: Runtime, encoder: Encoder, views: Sequence[Framed]) -> tuple[Encoded, Frame]:
     """Return the functions of an object that is seen in one view or several, and the box that they fill."""
     batcher, finish = runtime.batchers[encoder.name], partial(with_box, runtime, encoder.spec)
-    if len(views) == 1 and views[0].whole is None:
-        return await batcher.encode_then(views[0].tensor, finish)
-    functions = averaged(await asyncio.gather(*(_encode(batcher, view) for view in views)))
-    return await runtime.run(finish, functions)
+    if len(views) == 1:
+        weights = views[0].weights
+        return await batcher.encode_then(views[0].looks, lambda looks: finish(merged(weights, looks)))
+    encoded = (batcher.encode_then(view.looks, partial(merged, view.weights)) for view in views)
+    return await runtime.run(finish, averaged(await asyncio.gather(*encoded)))
 
 
 def averaged(views: Sequence[Encoded]) -> Encoded:
@@ -72,10 +72,6 @@ def id_of(runtime: Runtime, encoder: Encoder, photos: Photos, views: Sequence[Fr
         photo_id(image, view, ratio, encoder, runtime.matting) for image, view in zip(photos.images, views, strict=True)
     ]
     return ids[0] if len(ids) == 1 else views_id(ids)
-
-
-async def _encode(batcher: Batcher, view: Framed) -> Encoded:
-    return merged(await asyncio.gather(*(batcher.encode(look) for look in view.looks)))
 
 
 async def _frame(runtime: Runtime, photos: Photos, index: int) -> Framed:

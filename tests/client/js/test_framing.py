@@ -11,12 +11,14 @@ import skimage.data
 from PIL import Image, ImageDraw
 
 from service.encoding.decode import decode
-from service.encoding.framing import Framing, frame
+from service.encoding.encoder import Encoder
+from service.encoding.framing import Framing, frame, preprocess
 from service.encoding.matting import Matting
 from service.encoding.pixels import over_white
-from service.settings import SHIPPED_MATTING
+from service.settings import SHIPPED_MATTING, SHIPPED_MODEL
 from tests.client.js.conftest import Run
 from tests.support import ROOT
+from tests.support.photos import image_file
 
 pytestmark = pytest.mark.system
 
@@ -104,6 +106,20 @@ const { tensor, whole, ...report } = await frame(photo, Number(size), Number(rat
 await writeFile(seen, whole ? Buffer.concat([tensor, whole].map(({ buffer }) => Buffer.from(buffer))) : tensor);
 console.log(JSON.stringify(report));
 """
+ENCODE = """
+import { readFile, writeFile } from "node:fs/promises";
+import { Encoder, Matting } from "hof-client/encoder";
+const [source, matte, model, target, width, height] = process.argv.slice(1);
+const data = new Uint8ClampedArray(await readFile(source));
+const [matting, encoder] = [
+  await Matting.open(new Uint8Array(await readFile(matte))),
+  await Encoder.open(new Uint8Array(await readFile(model))),
+];
+const photo = { data, width: Number(width), height: Number(height) };
+const { functions, shapeConfidence } = await encoder.encode(photo, "auto", (image) => matting.matteOf(image));
+await writeFile(target, functions.rows[0]);
+console.log(JSON.stringify({ shapeConfidence, color: [...functions.colorRows[0]] }));
+"""
 OVER_PHOTOGRAPHS: dict[str, Callable[[], Image.Image]] = {
     "cup": PHOTOS["coffee"],
     "chair on grass": lambda: _before("chair.png", skimage.data.grass(), (512, 512)),
@@ -143,5 +159,24 @@ def test_photo_before_any_background_is_cut_out_as_by_the_service(
     looks = np.fromfile(tmp_path / "tensor.f32", np.float32).reshape(-1, 1, 3, SIZE, SIZE)
     expected = [over_white(each) for each in (crop.rgba, crop.whole) if each]
     assert len(expected) == (2 if name == "chair at the edge" else 1)
-    for look, seen in zip(looks, expected, strict=True):
-        assert np.abs(look - seen).mean() < 2 * LEVEL
+    for look, reference in zip(looks, expected, strict=True):
+        assert np.abs(look - reference).mean() < 2 * LEVEL
+
+
+@pytest.mark.parametrize("name", ["chair on grass", "chair at the edge"])
+def test_photo_in_front_of_a_background_is_encoded_as_by_the_service(
+    npm: Run, built: Path, tmp_path: Path, name: str
+) -> None:
+    image = OVER_PHOTOGRAPHS[name]()
+    encoder, matting = Encoder.open(SHIPPED_MODEL, 1), Matting.of(SHIPPED_MATTING, 1)
+    framed = preprocess(image_file(image), encoder.framing, matting=matting)
+    assert len(framed.looks) == (2 if name == "chair at the edge" else 1)
+    expected = encoder.encode_photo(framed)
+    (tmp_path / "photo.rgba").write_bytes(image.convert("RGBA").tobytes())
+    files = (str(tmp_path / "photo.rgba"), str(SHIPPED_MATTING), str(SHIPPED_MODEL), str(tmp_path / "theta"))
+    answer = json.loads(npm("node", "--input-type=module", "--eval", ENCODE, *files, *map(str, image.size)))
+    assert expected.estimates
+    assert expected.color
+    assert answer["shapeConfidence"] == pytest.approx(expected.estimates.shape_confidence, abs=5e-3)
+    np.testing.assert_allclose(answer["color"], expected.color.weights, atol=0.02)
+    np.testing.assert_allclose(np.fromfile(tmp_path / "theta", np.float32), expected.theta, atol=0.02)

@@ -66,12 +66,12 @@ def _look(level: float, confidence: float | None, azimuth: float = 0.0) -> Encod
 
 def test_merged_of_one_look_is_that_look() -> None:
     look = _look(1, 0.5)
-    assert merged([look]) is look
+    assert merged([1], [look]) is look
 
 
 @pytest.mark.parametrize("confidences", [(0.4, 0.4), (None, None)])
 def test_merged_of_equally_sure_looks_is_their_mean(confidences: tuple[float | None, ...]) -> None:
-    mean = merged([_look(level, confidence) for level, confidence in zip((1, 3), confidences, strict=True)])
+    mean = merged([1, 1], [_look(level, confidence) for level, confidence in zip((1, 3), confidences, strict=True)])
     assert mean.color
     np.testing.assert_allclose(mean.theta, 2)
     np.testing.assert_allclose(mean.color.weights, -2)
@@ -80,7 +80,7 @@ def test_merged_of_equally_sure_looks_is_their_mean(confidences: tuple[float | N
 
 
 def test_merged_counts_the_surer_look_more_and_keeps_the_camera_of_the_first() -> None:
-    mean = merged([_look(0, 0.3, azimuth=10), _look(1, 0.5, azimuth=90)])
+    mean = merged([1, 1], [_look(0, 0.3, azimuth=10), _look(1, 0.5, azimuth=90)])
     share = 1 / (1 + np.exp(-FAVOR * 0.2))
     assert mean.estimates
     np.testing.assert_allclose(mean.theta, share, rtol=1e-6)
@@ -88,10 +88,16 @@ def test_merged_counts_the_surer_look_more_and_keeps_the_camera_of_the_first() -
     assert mean.estimates.camera.azimuth == 10
 
 
+def test_merged_counts_a_look_by_its_weight() -> None:
+    np.testing.assert_allclose(merged([1, 0.25], [_look(0, 0.5), _look(1, 0.5)]).theta, 0.2, rtol=1e-6)
+    np.testing.assert_array_equal(merged([1, 0], [_look(0, 0.1), _look(1, 0.9)]).theta, 0)
+
+
 def test_encode_photo_merges_the_looks(tmp_path: Path) -> None:
     encoder = Encoder.open(tiny_model.build(tmp_path / "tiny-k2.onnx", estimates=True), threads=1)
     images = np.random.default_rng(0).random((2, 1, 3, tiny_model.SIZE, tiny_model.SIZE), np.float32)
-    photo = Framed(images[0], "matting", (0, 0, 9, 9), 1.0, 9, 9, whole=images[1])
-    alone = [encoder.encode(look)[0] for look in photo.looks]
-    np.testing.assert_allclose(encoder.encode_photo(photo).theta, merged(alone).theta, atol=1e-6)
+    photo = Framed(images[0], "matting", (0, 0, 65, 9), 1.0, 100, 50, whole=images[1])
+    alone = [encoder.encode(look[None])[0] for look in photo.looks]
+    assert photo.weights == pytest.approx([1, 0.5])
+    np.testing.assert_allclose(encoder.encode_photo(photo).theta, merged(photo.weights, alone).theta, atol=1e-6)
     np.testing.assert_array_equal(encoder.encode_photo(replace(photo, whole=None)).theta, alone[0].theta)

@@ -1,6 +1,7 @@
 """Framing: the part of a photo that an encoder sees, and how it is reported."""
 
 import io
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -232,10 +233,10 @@ def test_square_before_any_background_moves_toward_the_photo(square: Box, size: 
 # --- a large object in front of any background: the whole photo as a second input ---------------------------
 
 
-def _upper(image: Image.Image) -> np.ndarray[tuple[int, int], np.dtype[np.uint8]]:
-    """Take a part of a picture for the object, 60% of its longer side."""
+def _left(image: Image.Image, side: int) -> np.ndarray[tuple[int, int], np.dtype[np.uint8]]:
+    """Take the left of a picture for the object, `side` pixels of it."""
     matte = np.zeros((image.height, image.width), np.uint8)
-    matte[: round(0.6 * image.height), : round(0.6 * image.width)] = 255
+    matte[10:20, :side] = 255
     return matte
 
 
@@ -244,7 +245,28 @@ def test_preprocess_of_a_large_object_by_matting_adds_the_whole_photo() -> None:
     framed = preprocess(photo, FRAMING, matting=_middle)
     assert framed.whole is not None
     np.testing.assert_array_equal(framed.whole, preprocess(photo, FRAMING, "keep").tensor)
-    assert len(framed.looks) == 2
+    np.testing.assert_array_equal(framed.looks, np.concatenate([framed.tensor, framed.whole]))
+    assert framed.weights == [1, 1]
+
+
+def test_preprocess_of_a_growing_object_by_matting_lets_the_whole_photo_count_more_and_more() -> None:
+    weights = []
+    for side in range(100):
+        framed = preprocess(image_file(_colors((100, 80))), FRAMING, matting=partial(_left, side=side + 1))
+        weights.append(sum(framed.weights[1:]))
+    assert weights[:60] == [0] * 60
+    assert weights[69:] == [1] * 31
+    np.testing.assert_allclose(np.diff(weights[59:70]), 0.1, atol=1e-9)
+
+
+def test_preprocess_by_matting_shows_a_half_transparent_photo_whole_and_opaque() -> None:
+    photo = _colors((64, 64))
+    opaque = preprocess(image_file(photo), FRAMING, matting=_middle).whole
+    photo.putalpha(100)
+    half = preprocess(image_file(photo), FRAMING, matting=_middle).whole
+    assert opaque is not None
+    assert half is not None
+    np.testing.assert_allclose(half, opaque, atol=1e-6)
 
 
 def test_preprocess_of_a_wide_photo_adds_it_with_margins() -> None:
@@ -260,7 +282,7 @@ def test_preprocess_of_a_wide_photo_adds_it_with_margins() -> None:
 def test_preprocess_of_a_small_object_or_without_a_network_has_one_look(background: Background) -> None:
     cut_out = _colors((64, 64)).convert("RGBA")
     cut_out.putalpha(Image.fromarray(_middle(cut_out)))
-    for photo, matting in ((_colors((64, 64)), _upper), (cut_out, _middle), (_colors((64, 64)), None)):
+    for photo, matting in ((_colors((64, 64)), partial(_left, side=38)), (cut_out, _middle), (_colors((64, 64)), None)):
         framed = preprocess(image_file(photo), FRAMING, background, matting=matting)
         assert framed.whole is None
         assert len(framed.looks) == 1

@@ -116,11 +116,28 @@ def test_batcher_with_a_photo_that_never_comes_goes_on_without_it() -> None:
         asyncio.run(scenario(executor))
 
 
+def test_encode_then_of_photos_with_several_images_keeps_each_photo_in_one_call() -> None:
+    def values(encoded: list[Encoded]) -> list[float]:
+        return [float(each.theta[0]) for each in encoded]
+
+    async def scenario(executor: ThreadPoolExecutor, counts: list[int]) -> tuple[list[object], int, int]:
+        batcher = _batcher(executor)
+        photos = [np.concatenate([_image(10 * number + look) for look in range(n)]) for number, n in enumerate(counts)]
+        answers = await asyncio.gather(*(batcher.encode_then(photo, values) for photo in photos))
+        return list(answers), batcher.images, batcher.calls
+
+    for counts, calls in (([2] * 5, 2), ([1, 2] * 2, 1), ([7, 2], 2), ([MAX_BATCH + 1, 1], 2)):
+        with ThreadPoolExecutor(1) as executor:
+            answers, images, total = asyncio.run(scenario(executor, counts))
+        assert answers == [[10 * number + look for look in range(n)] for number, n in enumerate(counts)]
+        assert (images, total) == (sum(counts), calls)
+
+
 def test_encode_then_runs_on_the_worker_and_its_error_is_that_of_its_image_alone() -> None:
-    def invert(encoded: Encoded) -> tuple[float, str]:
-        if not encoded.theta[0]:
+    def invert(encoded: list[Encoded]) -> tuple[float, str]:
+        if not encoded[0].theta[0]:
             raise ZeroDivisionError
-        return 1 / float(encoded.theta[0]), threading.current_thread().name
+        return 1 / float(encoded[0].theta[0]), threading.current_thread().name
 
     async def scenario(executor: ThreadPoolExecutor) -> tuple[list[object], int]:
         batcher = _batcher(executor)
@@ -158,7 +175,9 @@ def test_encode_then_of_a_client_that_left_computes_nothing(threads: int) -> Non
         loop = asyncio.get_running_loop()
         batcher = Batcher(encode, lambda function: loop.run_in_executor(executor, function), threads)
         stays, leaves = (
-            asyncio.create_task(batcher.encode_then(_image(value), lambda encoded: finished.append(encoded.theta[0])))
+            asyncio.create_task(
+                batcher.encode_then(_image(value), lambda encoded: finished.append(encoded[0].theta[0]))
+            )
             for value in (1, 2)
         )
         await asyncio.to_thread(encoding.wait, TIMEOUT_S)

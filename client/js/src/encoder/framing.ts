@@ -28,7 +28,7 @@ export class NoObjectFound extends Error {
 const WORK_SIDE = 1024; // pixels of the longest side at which masks and crops are computed
 const MIN_CONFIDENCE = 0.7; // of a matte from a network
 const MOST_MOVED = 0.06; // of the square's side; further from the middle, encoders make more errors
-const LARGE = 0.65; // of the photo's longer side; objects that are smaller are not recognized in whole photos
+const LARGE = [0.6, 0.7]; // of the photo's longer side: where whole photos begin to count, and where they do in full
 const MIN_FOREGROUND = 5e-4; // of the image's pixels
 const SPECKS = 2e-4; // of the foreground, which are cut from each end
 
@@ -64,7 +64,7 @@ export async function frame(
   const tensor = overWhite(resize(crop(withAlpha(work, alpha), square), size));
   const [left, top, right, bottom] = box.map((edge) => factor * edge);
   const inPhoto: Box = [left, top, Math.min(right, width), Math.min(bottom, height)];
-  const whole = ofNetwork && isLarge(box, work) ? wholeOf(work, size) : undefined;
+  const whole = ofNetwork && weightOfWhole(box, work) ? wholeOf(withAlpha(work, visible(work)), size) : undefined;
   return { tensor, ...(whole && { whole }), mask, box: inPhoto, confidence, width, height };
 }
 
@@ -73,8 +73,21 @@ function wholeOf(work: Pixels, size: number): Float32Array {
   return overWhite(resize(crop(work, squareAround([0, 0, work.width, work.height], 1)), size));
 }
 
-function isLarge([left, top, right, bottom]: Box, { width, height }: Pixels): boolean {
-  return Math.max(right - left, bottom - top) >= LARGE * Math.max(width, height);
+/** How much a whole picture counts, 0 to 1. It changes steadily with the share that the box takes. */
+export function weightOfWhole([left, top, right, bottom]: Box, { width, height }: Size): number {
+  const [least, full] = LARGE;
+  const share = Math.max(right - left, bottom - top) / Math.max(width, height);
+  return Math.min(1, Math.max(0, (share - least) / (full - least)));
+}
+
+/** The matte of all pixels that are not fully transparent. */
+function visible({ width, height, data }: Pixels): Matte {
+  return new Uint8Array(width * height).map((_, at) => (data[4 * at + 3] > 0 ? 255 : 0));
+}
+
+interface Size {
+  width: number;
+  height: number;
 }
 
 function squareAround([left, top, right, bottom]: Box, ratio: number): Box {

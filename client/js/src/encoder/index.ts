@@ -4,7 +4,7 @@ import * as ort from "onnxruntime-web/wasm";
 
 import type { Functions } from "../function/weights.js";
 import { measureFrame } from "../sampling/frame.js";
-import { frame, type Background, type Framed } from "./framing.js";
+import { frame, weightOfWhole, type Background, type Framed } from "./framing.js";
 import type { MattingFunction } from "./masks.js";
 import { readMetadata, type Metadata } from "./metadata.js";
 import type { Pixels } from "./pixels.js";
@@ -45,7 +45,8 @@ export class Encoder {
   /** Encode a photo. `matting`: tells the object from any background. Throws NoObjectFound. */
   async encode(photo: Pixels, background: Background = "auto", matting?: MattingFunction): Promise<Encoded> {
     const { spec, colorSpec, framing } = this.metadata;
-    const { tensor, whole, ...image } = await frame(photo, framing.size, framing.foreground_ratio, background, matting);
+    const framed = await frame(photo, framing.size, framing.foreground_ratio, background, matting);
+    const { tensor, whole, ...image } = framed;
     const looks: ort.InferenceSession.OnnxValueMapType[] = [];
     for (const each of whole ? [tensor, whole] : [tensor]) {
       const input = new ort.Tensor("float32", each, [1, 3, framing.size, framing.size]);
@@ -53,7 +54,8 @@ export class Encoder {
     }
     const of = (output: string) => looks.map((each) => each[output].data as Float32Array);
     const hasConfidence = "shape_confidence" in looks[0];
-    const shares = sharesOf(hasConfidence ? of("shape_confidence").map(([confidence]) => confidence) : looks.map(() => 0));
+    const confidences = looks.map((each) => (hasConfidence ? (each.shape_confidence.data as Float32Array)[0] : 0));
+    const shares = sharesOf(confidences, [1, weightOfWhole(image.box, image)]);
     const rows = [mean(of("theta"), shares)];
     const functions: Functions = {
       spec,
@@ -79,8 +81,8 @@ export async function decode(file: Blob): Promise<Pixels> {
 }
 
 /** How much each look at a photo counts: surer ones count more. */
-function sharesOf(confidences: number[]): number[] {
-  const weights = confidences.map((confidence) => Math.exp(FAVOR * confidence));
+function sharesOf(confidences: number[], ofLooks: number[]): number[] {
+  const weights = confidences.map((confidence, index) => ofLooks[index] * Math.exp(FAVOR * confidence));
   const total = weights.reduce((sum, weight) => sum + weight, 0);
   return weights.map((weight) => weight / total);
 }

@@ -15,11 +15,23 @@ from model.data.manifest import Manifest, variant_file
 from model.export import export
 from model.networks.color_head import ColorHead, color_spec, look
 from model.networks.encoder import ImageEncoder
-from model.training.grounds.distill import DistillLoss, _matted, answers, distill, draw_pairs, prepared
+from model.networks.mapping import power
+from model.training.grounds.distill import (
+    FEATURES_WEIGHT,
+    POINTS,
+    POINTS_WEIGHT,
+    DistillLoss,
+    _matted,
+    answers,
+    distill,
+    draw_pairs,
+    prepared,
+)
 from service.encoding.encoder import Encoder
 from service.encoding.framing import MOST_MOVED
 from service.encoding.masks import TRACE, Matte
 from service.encoding.matting import Matting
+from service.mapping.canonical import canonical_points
 from service.settings import SHIPPED_MATTING
 from tests.support.small import data as small_data
 from tests.support.small.network import CONFIG as DENSE
@@ -88,6 +100,24 @@ def test_loss_of_the_same_images_is_zero_and_of_others_is_not() -> None:
         same, other = (float(loss(student, shown, expected)) for shown in (images, images.flip(0)))
     assert same < 1e-6
     assert other > 0.1
+
+
+def test_loss_of_other_points_is_their_distance_weighted() -> None:
+    teacher = ImageEncoder(CONFIG.spec, CONFIG.encoder, SIZE).eval()
+    images = torch.rand(3, 3, SIZE, SIZE)
+    expected = answers(teacher, images)
+    loss, student = DistillLoss(teacher, CONFIG.spec, expected), prepared(teacher).eval()
+    with torch.no_grad():
+        *_, bias = student.dense.parameters()  # of the features
+        bias.add_(0.1)
+        drawn = answers(student, images)[:, : teacher.width]
+        points = torch.from_numpy(canonical_points(CONFIG.spec.domain, POINTS, 0)).expand(3, -1, -1).contiguous()
+        clouds = [power(CONFIG.spec, teacher.head(each), points) for each in (drawn, expected[:, : teacher.width])]
+        error = (drawn - expected[:, : teacher.width]).square().mean() / expected[:, : teacher.width].var(dim=0).mean()
+        distance = (clouds[0] - clouds[1]).norm(dim=2).mean()
+        assert distance > 1e-4
+        total = POINTS_WEIGHT * distance + FEATURES_WEIGHT * error
+        torch.testing.assert_close(loss(student, images, expected), total, rtol=1e-4, atol=1e-6)
 
 
 def test_draw_pairs_are_of_the_same_views(data: Path) -> None:

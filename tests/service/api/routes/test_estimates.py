@@ -18,6 +18,7 @@ from service.encoding.framing import preprocess
 from service.encoding.matting import Matting
 from service.formats.weights import load
 from service.mapping.spec import Array
+from service.runtime.bulk.photos import Setup, encode_photos
 from service.settings import SHIPPED_MATTING, Settings
 from tests.support import ROOT
 from tests.support.photos import image_file
@@ -78,6 +79,12 @@ def test_encode_of_a_large_object_before_a_background_merges_two_looks_everywher
     assert answer["shape_confidence"] == pytest.approx(expected.estimates.shape_confidence, abs=1e-3)
     (tmp_path / "chair.png").write_bytes(photo)
     models = ["--model", str(estimating_path), "--matting-model", str(SHIPPED_MATTING)]
+    setup = Setup(estimating_path, SHIPPED_MATTING, "auto", None, 200_000, 1_000_000)
+    (item,) = encode_photos(setup, [str(tmp_path / "chair.png")])
+    assert item.entry
+    assert item.entry.record.id == answer["id"]
+    assert item.entry.functions
+    np.testing.assert_allclose(item.entry.functions.theta, expected.theta, atol=1e-5)
     assert main(["encode", str(tmp_path / "chair.png"), "-o", str(tmp_path / "chair.safetensors"), *models]) == 0
     for file, theta in ((weights, expected.theta), (of_both, mean), (tmp_path / "chair.safetensors", expected.theta)):
         data = file if isinstance(file, bytes) else file.read_bytes()
