@@ -57,8 +57,8 @@ def main() -> None:
         "in turn.\n"
     )
     print(HEAD)
-    for path in shipped_models():
-        encoder = Encoder.open(path, 1)
+    encoders = (Encoder.open(path, 1) for path in shipped_models())
+    for encoder in (each for each in encoders if each.takes == "image"):
         tests = [encode_photo(encoder, png(case.views[VIEWS[0]])).theta for case in cases(arguments.data, "test")]
         demos = [encode_photo(encoder, photo.read_bytes()).theta for photo in PHOTOS]
         for name, thetas in (("test photos", tests), ("demo photos", demos), ("words", list(_words(encoder, tests)))):
