@@ -17,7 +17,7 @@ from service.encoding.estimates import Estimates
 from service.encoding.framing import Framed, Framing
 from service.encoding.network import Network, TensorInfo
 from service.errors import InvalidModel, InvalidSpec
-from service.mapping.spec import Array, Color, Functions, MappingSpec, check_color_spec
+from service.mapping.spec import Array, Color, Functions, MappingSpec, check_color_spec, mean_of
 
 Input = Literal["image", "points"]
 
@@ -157,18 +157,9 @@ def merged(weights: Sequence[float], looks: Sequence[Encoded]) -> Encoded:
     if len(looks) == 1:
         return first
     confidences = [each.estimates.shape_confidence if each.estimates else 0.0 for each in looks]
-    shares = (weights * np.exp(FAVOR * np.array(confidences))).astype(np.float32)
-    shares /= shares.sum()
-    theta = _mean([each.theta for each in looks], shares)
-    colors = [each.color.weights for each in looks if each.color]
-    color = replace(first.color, weights=_mean(colors, shares)) if first.color else None
-    confidence = float(shares @ confidences)
-    return Encoded(theta, color, first.estimates and replace(first.estimates, shape_confidence=confidence))
-
-
-def _mean(arrays: Sequence[Array], shares: Array) -> Array:
-    mean: Array = np.average(arrays, axis=0, weights=shares).astype(np.float32)
-    return mean
+    shares = weights * np.exp(FAVOR * np.array(confidences))
+    mean, confidence = mean_of(looks, shares), float(np.average(confidences, weights=shares))
+    return Encoded(mean.theta, mean.color, first.estimates and replace(first.estimates, shape_confidence=confidence))
 
 
 def _check_format(metadata: dict[str, str]) -> None:

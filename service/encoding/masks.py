@@ -61,8 +61,9 @@ def with_trace(matte: Matte, image: Image.Image) -> Matte:
 
 def visible(image: Image.Image) -> Matte:
     """Return the matte (H, W) of all pixels of an RGB or RGBA image that are not fully transparent."""
-    alpha = np.asarray(image.getchannel("A")) if image.mode == "RGBA" else np.ones(image.size[::-1], np.uint8)
-    return np.where(alpha > 0, np.uint8(255), np.uint8(0))
+    if image.mode != "RGBA":
+        return np.full(image.size[::-1], 255, np.uint8)
+    return np.where(np.asarray(image.getchannel("A")) > 0, np.uint8(255), np.uint8(0))
 
 
 def _separates(alpha: Matte) -> bool:

@@ -165,6 +165,25 @@ def join_functions(word: Sequence[Functions]) -> Functions:
     return Functions(np.stack([functions.theta for functions in word]), color)
 
 
+def mean_of(functions: Sequence[Functions], weights: npt.NDArray[np.float64] | None = None) -> Functions:
+    """Average thetas, the paper's baseline for composition ("Object Interpolation"), and the colors that there are.
+
+    Parameters
+    ----------
+    weights : (len(functions),); by default all are equal.
+    """
+    every = join_functions(functions)
+    shares = np.ones(len(functions)) if weights is None else weights
+
+    def mean(rows: Array, shares: npt.NDArray[np.float64]) -> Array:
+        average: Array = np.average(rows, axis=0, weights=shares).astype(np.float32)
+        return average
+
+    has_color = [each.color is not None for each in functions]
+    color = Color(every.color.spec, mean(every.color.weights, shares[has_color])) if every.color else None
+    return Functions(mean(every.theta, shares), color)
+
+
 def check_color_spec(spec: MappingSpec, color_spec: MappingSpec) -> None:
     """Raise InvalidSpec if a color function does not fit the canonical points of a mapping function."""
     if color_spec.k != 1:

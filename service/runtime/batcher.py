@@ -132,7 +132,8 @@ class Batcher:
 
         Runs on a worker thread. Returns None, and takes nothing, if photos that have arrived should go first.
         """
-        if self._coming and _count(self._waiting) < MAX_BATCH and not is_last_turn:
+        # A copy: the event loop may add photos meanwhile.
+        if self._coming and _count(tuple(self._waiting)) < MAX_BATCH and not is_last_turn:
             return None
         while self._waiting and (not batch or _count([*batch, self._waiting[0]]) <= MAX_BATCH):
             waiting = self._waiting.popleft()

@@ -9,12 +9,10 @@ from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from typing import Final, Literal
 
-import numpy as np
-
 from service.errors import CorruptWeights, InvalidParameter
 from service.formats.weights import MAX_NAME
 from service.mapping.box import examine
-from service.mapping.spec import Array, Color, Functions, MappingSpec, join_functions
+from service.mapping.spec import Functions, MappingSpec, join_functions, mean_of
 from service.storage.ids import composed_id, interpolated_id
 from service.storage.rows import Record
 
@@ -129,17 +127,6 @@ def examine_all(proposals: Sequence[Proposal]) -> list[Proposal]:
             members = ", ".join(proposal.record.members)
             raise InvalidParameter(f"the points of {members} together exceed float32", field="objects") from error
     return measured
-
-
-def mean_of(parents: Sequence[Functions]) -> Functions:
-    """Average thetas, the paper's baseline for composition ("Object Interpolation"), and colors."""
-    every = join_functions(parents)
-    return Functions(_mean(every.theta), Color(every.color.spec, _mean(every.color.weights)) if every.color else None)
-
-
-def _mean(rows: Array) -> Array:
-    mean: Array = rows.mean(axis=0, dtype=np.float64).astype(np.float32)
-    return mean
 
 
 def _record(kind: Literal["composed", "interpolated"], members: Sequence[Record]) -> Record:

@@ -16,7 +16,7 @@ BASE_MB: Final = 135.0  # python:3.11-slim-bookworm, unpacked: about 130, which 
 MATTING_MB: Final = 4.6  # u2netp.onnx
 REMOVED: Final = re.compile(r"^libonnxruntime\.so\.")
 LEFT_OUT: Final = "hof-matte.onnx"  # of the models: U2-Net is there
-LEFT_OUT_FOLDERS: Final = {"__pycache__", "node_modules", "results"}
+RECORDS: Final = ROOT / "model" / "results"  # not in the wheel
 COMPILED: Final = 1.6  # of Python files: pip adds bytecode
 REMOVED_KINDS: Final = {".pyi", ".pyx", ".pxd", ".h", ".c"}
 REMOVED_FOLDERS: Final = {"tests", "transformers", "quantization", "tools", "datasets"}  # the last ones of onnxruntime
@@ -27,7 +27,8 @@ def image_mb() -> dict[str, float]:
     lock = (ROOT / "requirements" / "service.txt").read_text("utf-8")
     names = re.findall(r"^([\w.-]+)==", lock, re.MULTILINE)
     packages = {name: _package_mb(name) for name in names}
-    own = sum(_bytes(path) for folder in ("service", "model") for path in (ROOT / folder).rglob("*"))
+    files = (path for folder in ("service", "model") for path in (ROOT / folder).rglob("*"))
+    own = sum(_bytes(path) for path in files if RECORDS not in path.parents)
     largest = sorted(packages.items(), key=lambda item: -item[1])[:5]
     rest = sum(packages.values()) - sum(size for _, size in largest)
     return {
@@ -53,7 +54,7 @@ def _package_mb(name: str) -> float:
 
 def _bytes(path: Path) -> float:
     """Return the bytes of a file of the image; 0 for others."""
-    if not path.is_file() or path.name == LEFT_OUT or LEFT_OUT_FOLDERS & {*path.parts}:
+    if not path.is_file() or path.name == LEFT_OUT or "__pycache__" in path.parts or "node_modules" in path.parts:
         return 0
     return path.stat().st_size * (COMPILED if path.suffix == ".py" else 1)
 

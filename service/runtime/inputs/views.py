@@ -13,7 +13,7 @@ from service.encoding.encoder import Encoded, Encoder, merged
 from service.encoding.framing import Background, Framed, Framing, preprocess
 from service.errors import HofError
 from service.mapping.frame import Frame
-from service.runtime.composition import mean_of
+from service.mapping.spec import mean_of
 from service.runtime.frames import with_box
 from service.runtime.inputs.photos import photo_id
 from service.runtime.parts import Runtime

@@ -4,6 +4,7 @@ import asyncio
 import random
 import threading
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -131,6 +132,38 @@ def test_encode_then_of_photos_with_several_images_keeps_each_photo_in_one_call(
             answers, images, total = asyncio.run(scenario(executor, counts))
         assert answers == [[10 * number + look for look in range(n)] for number, n in enumerate(counts)]
         assert (images, total) == (sum(counts), calls)
+
+
+def test_batcher_that_counts_while_photos_arrive_answers_all() -> None:
+    class Photo(np.ndarray[tuple[int, ...], np.dtype[np.float32]]):
+        """Images; when they are first counted, another photo arrives."""
+
+        arrive: Callable[[], None] = staticmethod(lambda: None)
+
+        def __len__(self) -> int:
+            self.arrive()
+            self.arrive = lambda: None
+            return super().__len__()
+
+    async def scenario(executor: ThreadPoolExecutor) -> list[Encoded]:
+        loop, batcher, arrived, later = asyncio.get_running_loop(), _batcher(executor), threading.Event(), []
+
+        def add() -> None:
+            later.append(asyncio.create_task(batcher.encode(_image(2))))
+            loop.call_soon(arrived.set)  # after the task has added its image
+
+        def arrive() -> None:
+            loop.call_soon_threadsafe(add)
+            assert arrived.wait(TIMEOUT_S)
+
+        photo = _image(1).view(Photo)
+        photo.arrive = arrive
+        with batcher.coming():
+            first = await batcher.encode(photo)
+        return [first, *await asyncio.gather(*later)]
+
+    with ThreadPoolExecutor(1) as executor:
+        assert [float(each.theta[0]) for each in asyncio.run(scenario(executor))] == [1, 2]
 
 
 def test_encode_then_runs_on_the_worker_and_its_error_is_that_of_its_image_alone() -> None:
